@@ -1,0 +1,67 @@
+"""Boundary checks with one message form: field, allowed range, value.
+
+Values are checked where data enters. Inside compiled code a number is a tracer and
+has no value yet: it passes, and what is wrong with it becomes NaN in the result.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+
+
+def number(value: Any) -> Any:
+    """Convert to a Python float, but let arrays and tracers pass.
+
+    Python floats stay weakly typed, so that a config follows its data's precision.
+    """
+    return value if isinstance(value, jax.Array) else float(value)
+
+
+def is_traced(value: Any) -> bool:
+    """Whether a value is not known yet because a program is being traced."""
+    return isinstance(value, jax.core.Tracer)
+
+
+def in_range(
+    name: str,
+    value: Any,
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    open_low: bool = False,
+    open_high: bool = False,
+) -> None:
+    """Raise unless `low <= value <= high` (`<` at an open end); refuses NaN and inf.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+    if is_traced(value):
+        return
+    above = value > low if open_low else value >= low
+    below = value < high if open_high else value <= high
+    if not (math.isfinite(value) and above and below):
+        left = "(" if open_low or low == -math.inf else "["
+        right = ")" if open_high or high == math.inf else "]"
+        raise ValueError(
+            f"{name} must lie in {left}{low:g}, {high:g}{right}, got {value:g}."
+        )
+
+
+def whole(name: str, value: Any, low: int) -> None:
+    """Raise unless `value` is a whole number of at least `low`."""
+    if isinstance(value, bool) or not hasattr(value, "__index__") or value < low:
+        raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}.")
+
+
+def one_of(name: str, value: str, allowed: Iterable[str]) -> None:
+    """Raise unless `value` is one of `allowed`; suggests the nearest of them."""
+    allowed = list(allowed)
+    if value not in allowed:
+        near = difflib.get_close_matches(str(value), allowed, n=1)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise ValueError(
+            f"{name} must be one of {', '.join(allowed)}, got {value!r}.{hint}"
+        )

@@ -1,0 +1,50 @@
+"""Colour: sRGB encoding and luma. Colours are floats in [0, 1].
+
+*Gamma* is sRGB-encoded light, as a display buffer holds it; *linear* is light itself.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._types import Numbers
+
+_LUMA_WEIGHTS = {
+    "rec709": (0.2126, 0.7152, 0.0722),  # ITU-R BT.709-6, table 3.2
+    "rec601": (0.299, 0.587, 0.114),  # ITU-R BT.601-7, table 3
+}
+
+
+@jax.jit
+def encode(linear: Numbers) -> Numbers:
+    """Encode linear light as sRGB gamma; any shape; negative values stay linear.
+
+    **Accuracy:** gradients are finite at 0, where the curve is a straight line.
+
+    **Source:** IEC 61966-2-1:1999, equation 6.
+    """
+    is_line = linear <= 0.0031308
+    # x^(1/2.4) has an infinite slope at 0: keep 0 out of the branch that is not taken.
+    safe = jnp.where(is_line, 1.0, linear)
+    return jnp.where(is_line, 12.92 * linear, 1.055 * safe ** (1 / 2.4) - 0.055)
+
+
+@jax.jit
+def decode(gamma: Numbers) -> Numbers:
+    """Decode sRGB gamma to linear light; any shape; negative values stay linear.
+
+    **Source:** IEC 61966-2-1:1999, equation 7.
+    """
+    is_line = gamma <= 0.04045
+    safe = jnp.where(is_line, 1.0, gamma)
+    return jnp.where(is_line, gamma / 12.92, ((safe + 0.055) / 1.055) ** 2.4)
+
+
+@jax.jit
+def luma(rgb: Float[Array, "3 *size"]) -> Float[Array, "*size"]:
+    """Rec. 709 luma of gamma colours (luminance, of linear ones); `(3, ...)` -> `...`.
+
+    **Source:** ITU-R BT.709-6, table 3.2: 0.2126 R + 0.7152 G + 0.0722 B.
+    """
+    red, green, blue = _LUMA_WEIGHTS["rec709"]
+    return red * rgb[0] + green * rgb[1] + blue * rgb[2]
