@@ -1,3 +1,24 @@
-"""hmdjit: how much does the picture flicker when a head tries to hold still?"""
+"""hmdjit: how much does the picture flicker when a head tries to hold still?
 
-__version__ = "0.1.0"
+Simulates viewing sessions of a magnified picture in a VR headset, applies anti-aliasing
+techniques to them, and reports how much each flickers, how much detail it costs, and
+how sure that is.
+"""
+
+from . import metrics as metrics
+from . import quaternion as quaternion
+from . import scenes as scenes
+from . import techniques as techniques
+from ._version import __version__ as __version__
+from .camera import Camera as Camera
+from .camera import Region as Region
+from .frame import Frame as Frame
+from .frame import Motion as Motion
+from .frame import Texture as Texture
+from .head_motion import HeadMotion as HeadMotion
+from .head_motion import Trace as Trace
+from .simulation import Result as Result
+from .simulation import apply as apply
+from .simulation import simulate as simulate
+from .studies.monte_carlo import Study as Study
+from .studies.sessions import Replay as Replay

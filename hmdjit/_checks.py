@@ -28,8 +28,8 @@ def is_traced(value: Any) -> bool:
 def in_range(
     name: str,
     value: Any,
-    low: float = -math.inf,
-    high: float = math.inf,
+    low: float | int = -math.inf,
+    high: float | int = math.inf,
     *,
     open_low: bool = False,
     open_high: bool = False,

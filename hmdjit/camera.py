@@ -142,7 +142,8 @@ def displacement(
     - `x_px`, `y_px`: pixel positions, px; any shapes that broadcast together.
 
     **Returns:** `(dx, dy, in_front)`: where the rotated ray projects, relative to the
-    position, px; and whether it is in front of the camera at all (else `dx = dy = 0`).
+    position, px; and whether it is in front of the camera at all (behind it
+    `dx = dy = 0`; NaN where the rotation is NaN).
 
     **Accuracy:** each keeps its relative precision however small the rotation is,
     which the difference of two projected positions near 1000 px does not.
@@ -157,11 +158,12 @@ def displacement(
     move_y = turn[1, 0] * ray_x + turn[1, 1] * ray_y - turn[1, 2]
     move_z = turn[2, 0] * ray_x + turn[2, 1] * ray_y - turn[2, 2]
     depth = 1 - move_z
-    in_front = depth > 0
-    scale = focal / jnp.where(in_front, depth, 1.0)
-    dx = jnp.where(in_front, scale * (move_x + ray_x * move_z), 0.0)
-    dy = jnp.where(in_front, -scale * (move_y + ray_y * move_z), 0.0)
-    return dx, dy, in_front
+    # Asked this way round, a rotation that is not a number stays visible as NaN.
+    is_behind = depth <= 0
+    scale = focal / jnp.where(is_behind, 1.0, depth)
+    dx = jnp.where(is_behind, 0.0, scale * (move_x + ray_x * move_z))
+    dy = jnp.where(is_behind, 0.0, -scale * (move_y + ray_y * move_z))
+    return dx, dy, depth > 0
 
 
 @jax.jit

@@ -10,11 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from . import camera as pinhole
 from . import quaternion, resampling
-from ._types import Mask, Path, Plane, Planes, Poses, Rgb, RotationVector, Samples
+from ._types import Mask, Plane, Planes, Poses, Rgb, RotationVector, Samples
 from .camera import Camera, Region
 from .resampling import Texels
 
@@ -45,8 +46,8 @@ class Displacement(eqx.Module):
     A formula, not a field: sources evaluate it where they need it.
 
     - `rotation`: rotation vector applied to the rays, rad, shape `(3,)`.
-    - `sample_px`: which point of each pixel is meant, px from its centre, shape `(2,)`;
-      None is the centre itself.
+    - `sample_px`: which point of each pixel is meant, px from its centre, shape `(2,)`,
+      in `[-1.5, 1.5]` (jitter may leave the pixel); None is the centre itself.
     """
 
     camera: Camera
@@ -54,7 +55,7 @@ class Displacement(eqx.Module):
     rotation: RotationVector
     sample_px: Float[Array, "2"] | None = None
 
-    def _positions(self) -> tuple[Plane, Plane]:
+    def _positions(self) -> tuple[Float[Array, "1 width"], Float[Array, "height 1"]]:
         dtype = self.rotation.dtype
         x = self.region.columns().astype(dtype) + 0.5
         y = self.region.rows().astype(dtype) + 0.5
@@ -71,8 +72,15 @@ class Displacement(eqx.Module):
 
     def bounds(self) -> Float[Array, "2"]:
         """Largest |dx| and |dy| over the region, px; never too small."""
-        bound = pinhole.displacement_bound(self.camera, self.region, self.rotation)
-        return bound if self.sample_px is None else bound + jnp.abs(self.sample_px)
+        region = self.region
+        if self.sample_px is None:
+            return pinhole.displacement_bound(self.camera, region, self.rotation)
+        # A jittered sample may lie outside its pixel, where the picture moves faster.
+        wider = Region(
+            region.x0 - 1, region.y0 - 1, region.width + 2, region.height + 2
+        )
+        bound = pinhole.displacement_bound(self.camera, wider, self.rotation)
+        return bound + jnp.abs(self.sample_px)
 
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame and in front of the camera."""
@@ -181,7 +189,9 @@ class Frame(eqx.Module):
         return Displacement(self.camera, self.region, rotation)
 
 
-def rebased_motion(poses: np.ndarray, dtype: np.dtype) -> Motion:
+def rebased_motion(
+    poses: Float[np.ndarray, "frames 4"], dtype: DTypeLike
+) -> Motion:
     """Motion of recorded poses, re-based to the first in float64 before rounding.
 
     **Arguments:** `poses`: `world_from_head`, shape `(frames, 4)`; `dtype`: of the
@@ -190,13 +200,3 @@ def rebased_motion(poses: np.ndarray, dtype: np.dtype) -> Motion:
     near_identity = quaternion.rebase(np.asarray(poses, np.float64))
     return Motion.of(jnp.asarray(near_identity, dtype))
 
-
-__all__ = [
-    "Displacement",
-    "Frame",
-    "History",
-    "Motion",
-    "Path",
-    "Texture",
-    "rebased_motion",
-]

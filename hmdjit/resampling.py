@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from ._types import Numbers
 
-Texels = Float[Array, "height width channels"]
+# Not "height width": these are the stored picture's, which the region read differs from.
+Texels = Float[Array, "rows columns channels"]
 
 
 class _Tap(NamedTuple):
@@ -23,9 +24,14 @@ class _Tap(NamedTuple):
     fraction: Numbers
 
 
+def _to_index(whole: Numbers) -> Numbers:
+    # Far beyond any border, but adding to it does not overflow to the other side.
+    return jnp.clip(whole, -(2.0**30), 2.0**30).astype(jnp.int32)
+
+
 def _split(displacement: Numbers, origin: Numbers) -> _Tap:
     whole = jnp.floor(displacement)
-    return _Tap(origin + whole.astype(jnp.int32), displacement - whole)
+    return _Tap(origin + _to_index(whole), displacement - whole)
 
 
 def _fetch(texels: Texels, column: Numbers, row: Numbers) -> Float[Array, "h w c"]:
@@ -53,8 +59,8 @@ def nearest(
 
     **Returns:** shape `(channels, h, w)`.
     """
-    x = column + jnp.floor(dx + 0.5).astype(jnp.int32)
-    y = row + jnp.floor(dy + 0.5).astype(jnp.int32)
+    x = column + _to_index(jnp.floor(dx + 0.5))
+    y = row + _to_index(jnp.floor(dy + 0.5))
     return _to_planes(_fetch(texels, x, y))
 
 

@@ -75,6 +75,7 @@ def halton(count: int, *, first: int = 1, scrambled: bool = False) -> Pattern:
     The points lie in [0, 1)^2: subtract 1/2 to get offsets from the pixel centre.
     """
     _checks.whole("count", count, 1)
+    _checks.whole("first", first, 0)
     return np.array(
         [
             [radical_inverse(base, first + n, scrambled=scrambled) for base in (2, 3)]

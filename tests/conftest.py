@@ -1,6 +1,9 @@
+import functools
 import os
 
 import jax
+import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -9,7 +12,9 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_debug_key_reuse", True)
-settings.register_profile("hmdjit", deadline=None, derandomize=True)
+settings.register_profile(
+    "hmdjit", deadline=None, derandomize=True, max_examples=40
+)
 settings.load_profile("hmdjit")
 
 
@@ -21,6 +26,40 @@ def key():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20260101)
+
+
+@pytest.fixture
+def untyped():
+    """What users get: the tests' hook would refuse a wrong type before a check sees it."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@functools.cache
+def _jitted(function):
+    return jax.jit(function)
+
+
+@functools.cache
+def _batched(function):
+    return jax.jit(jax.vmap(function))
+
+
+@pytest.fixture(scope="session", params=["plain", "jit", "vmap"])
+def variant(request):
+    """Call a function as it is, inside `jit`, or as the second of a batch of two."""
+
+    def in_a_batch(function):
+        def call(*args):
+            double = lambda leaf: jnp.stack([jnp.zeros_like(leaf), leaf])
+            batch = jax.tree.map(double, args)
+            return jax.tree.map(lambda leaf: leaf[1], _batched(function)(*batch))
+
+        return call
+
+    forms = {"plain": lambda function: function, "jit": _jitted, "vmap": in_a_batch}
+    return forms[request.param]
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,92 @@
+"""How the past is blended in: Kim et al., equations (2) to (5).
+
+`A` is the weight of the current picture. It is small while the head is nearly still,
+smaller yet where past and present disagree (the picture flickers there), and rises to 1
+with head speed, so that a moving head sees no lag.
+"""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+
+from ._types import Mask, Numbers, Plane, Rgb, Scalar
+
+
+def past_color(samples: Sequence[Rgb], weights: Sequence[Scalar]) -> Rgb:
+    """Weighted sum of the past samples; the weights sum to 1.
+
+    **Source:** Kim et al., equation (2), on displayed pictures: the text and equation
+    (3) accumulate recursively, the printed C_k is a slip.
+    """
+    total = weights[0] * samples[0]
+    for weight, sample in zip(weights[1:], samples[1:], strict=True):
+        total = total + weight * sample
+    return total
+
+
+def ease(head_speed_deg_s: Numbers | Scalar, h_max_deg_s: Scalar) -> Numbers:
+    """Ease curve of head speed: 0 at rest, 1 from `h_max` on.
+
+    `((1 - cos(pi h / h_max)) / 2)^2`, written as `sin(pi h / (2 h_max))^4`, which keeps
+    its digits near rest.
+
+    **Source:** Kim et al., equation (4).
+    """
+    share = jnp.minimum(head_speed_deg_s, h_max_deg_s) / h_max_deg_s
+    return jnp.sin(jnp.pi / 2 * share) ** 4
+
+
+def color_difference(
+    current: Rgb, history: Rgb, *, kind: str = "euclidean"
+) -> Plane:
+    """How much two pictures differ, in `[0, 1]` per pixel.
+
+    **Arguments:** `kind`: `"euclidean"`, the RGB distance over its maximum sqrt(3), or
+    `"max_channel"`, the largest channel difference.
+
+    **Returns:** shape `(height, width)`; the gradient where they are equal is 0.
+
+    **Source:** Kim et al., section on localisation; the normalisation makes the largest
+    difference map to w_lb, as the text demands.
+    """
+    difference = current - history
+    if kind == "max_channel":
+        return jnp.clip(jnp.max(jnp.abs(difference), axis=0), 0.0, 1.0)
+    squared = jnp.sum(difference**2, axis=0)
+    is_zero = squared == 0
+    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
+    distance = jnp.sqrt(jnp.where(is_zero, 1.0, squared))
+    return jnp.clip(jnp.where(is_zero, 0.0, distance) / 3**0.5, 0.0, 1.0)
+
+
+def localized_minimum(w_min: Scalar, w_lb: Scalar, difference: Numbers) -> Numbers:
+    """Return the smallest weight of the current picture, lower where it flickers.
+
+    `w_min - (w_min - w_lb) difference`.
+
+    **Source:** Kim et al., equation (5).
+    """
+    return w_min - (w_min - w_lb) * difference
+
+
+def current_weight(minimum: Numbers, ease_of_speed: Numbers) -> Numbers:
+    """Weight A of the current picture: `w + (1 - w) E`.
+
+    Written as `1 - (1 - w) (1 - E)`, which is exactly 1 at `h >= h_max`.
+
+    **Source:** Kim et al., equation (4), with equation (5) in the place of w_min.
+    """
+    return 1 - (1 - minimum) * (1 - ease_of_speed)
+
+
+def blend(current: Rgb, history: Rgb, weight: Numbers, is_blended: Mask) -> Rgb:
+    """Displayed picture `A C + (1 - A) H` where blended, else the current one.
+
+    Written as `C + (1 - A) (H - C)`, which is exactly C at A = 1 and at H = C.
+
+    **Source:** Kim et al., equation (3). Outside the past frame, and on dynamic
+    objects, the current picture is shown.
+    """
+    # A NaN that lies outside must not enter through 0 x NaN, nor through gradients.
+    history = jnp.where(is_blended, history, current)
+    return current + (1 - weight) * (history - current)

@@ -1,0 +1,260 @@
+"""The command line: `hmdjit study` and `hmdjit apply`."""
+
+import dataclasses
+import re
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import rich.console
+import rich.progress
+import tyro
+
+from . import metrics, scenes, simulation, techniques
+from .camera import Camera
+from .head_motion import Trace
+from .metrics.mtcd import CODE_VALUES
+from .studies import definition, report
+from .studies.batches import atomic_file
+from .studies.monte_carlo import FailedSessionsError, Progress, Study
+
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyCommand:
+    """Simulate viewing sessions and report how much each technique flickers.
+
+    Needs no arguments: eleven scenes, no anti-aliasing, MSAA 4x and head movement (with
+    the freeze control and the SSAA reference), 500 sessions of a seated person. An
+    interrupted study goes on where it stopped when it is run again.
+    """
+
+    options: tyro.conf.OmitArgPrefixes[definition.Options] = dataclasses.field(
+        default_factory=definition.Options
+    )
+    study: tyro.conf.Positional[Path | None] = None
+    """STUDY.toml with any of the options below as keys."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ApplyCommand:
+    """Run a technique on rendered frames: numbered PNGs in, displayed PNGs out."""
+
+    technique: tyro.conf.Positional[str]
+    """Technique id, e.g. head_movement."""
+    frames_dir: tyro.conf.Positional[Path]
+    """Folder of numbered PNG frames, one per pose."""
+    poses: tyro.conf.Positional[Path]
+    """CSV of head poses, t_s,qw,qx,qy,qz, one row per frame."""
+    out: Path = Path("hmdjit-displayed")
+    """Folder for the displayed frames."""
+    fov: float = 96.0
+    """Horizontal field of view the frames were rendered with, deg."""
+    refresh: float | None = None
+    """Refresh rate, Hz (default: the poses' own)."""
+
+
+Command = (
+    Annotated[StudyCommand, tyro.conf.subcommand("study")]
+    | Annotated[ApplyCommand, tyro.conf.subcommand("apply")]
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command; returns the exit code."""
+    command = tyro.cli(
+        Command,
+        prog="hmdjit",
+        description=(
+            "How much does the picture flicker when a head tries to hold still?"
+        ),
+        args=list(arguments),
+        config=(tyro.conf.UsePythonSyntaxForLiteralCollections,)
+        if hasattr(tyro.conf, "UsePythonSyntaxForLiteralCollections")
+        else (),
+    )
+    console = rich.console.Console()
+    try:
+        if isinstance(command, StudyCommand):
+            return _study(command, console)
+        return _apply(command, console)
+    except (ValueError, ImportError) as error:
+        return _complain(error, WRONG_INPUT)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _complain(f"{place}{error.strerror or error}", WRONG_INPUT)
+    except FailedSessionsError as error:
+        return _complain(error, FAILED)
+
+
+def _complain(error: object, code: int) -> int:
+    print(f"hmdjit: error: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
+
+
+def _make_folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"out must be a folder that can be made, got {path}: {error.strerror}."
+        ) from None
+    return path
+
+
+def _study(command: StudyCommand, console: rich.console.Console) -> int:
+    options, head_movement = definition.Options(), {}
+    if command.study is not None:
+        options, head_movement = definition.read_toml(command.study)
+    options = definition.merged(options, command.options)
+    study = definition.build(options, head_movement)
+    out = _make_folder(options.out or Path("hmdjit-study"))
+
+    camera = study.display
+    console.print(
+        f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
+        f"{study.sessions} sessions of {study.warmup} + {study.frames} frames, "
+        f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
+        f"{camera.refresh_hz:.4g} Hz.\n"
+        "Compiling each technique when it first runs; finished batches are kept in "
+        f"{out}.",
+        highlight=False,
+    )
+    try:
+        with _Bar(console, study) as bar:
+            dataset = study.run(options.seed or 0, out=out, progress=bar)
+    except KeyboardInterrupt:
+        console.print(
+            "\nStopped. Finished batches are kept: run the same command again to go on.",
+            highlight=False,
+        )
+        return INTERRUPTED
+    written = report.write_report(dataset, out)
+    report.print_table(dataset, console)
+    console.print(f"Wrote {out / 'result.nc'}, " + ", ".join(map(str, written)) + ".")
+    return OK
+
+
+class _Bar:
+    """Progress of a study: a bar on a terminal, a line now and then elsewhere."""
+
+    _SECONDS_BETWEEN_LINES = 10.0
+
+    def __init__(self, console: rich.console.Console, study: Study):
+        self._console = console
+        self._start = self._last_line = time.monotonic()
+        self._bar = rich.progress.Progress(
+            rich.progress.BarColumn(bar_width=30),
+            rich.progress.MofNCompleteColumn(),
+            rich.progress.TextColumn("{task.fields[rate]}"),
+            rich.progress.TextColumn("{task.fields[left]}"),
+            rich.progress.TextColumn("{task.description}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        total = len(study.scenes) * len(study.techniques) * study.sessions
+        self._task = self._bar.add_task("preparing", total=total, rate="", left="")
+
+    def __enter__(self) -> "_Bar":
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.__exit__(*exception)
+
+    def __call__(self, event: Progress) -> None:
+        now = time.monotonic()
+        seconds = now - self._start
+        rate, left = "", ""
+        if event.fresh:
+            speed = event.fresh / seconds
+            rate = f"{speed:,.0f} sessions/s"
+            left = f"{(event.total - event.done) / speed:,.0f} s left"
+        self._bar.update(
+            self._task,
+            completed=event.done,
+            total=event.total,
+            description=event.doing,
+            rate=rate,
+            left=left,
+        )
+        is_due = now - self._last_line > self._SECONDS_BETWEEN_LINES
+        if not self._console.is_terminal and is_due:
+            self._last_line = now
+            words = (f"{event.done} of {event.total}", rate, left, event.doing)
+            print("  " + ", ".join(word for word in words if word), flush=True)
+
+
+def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
+    technique = techniques.by_id(command.technique)
+    trace = Trace.read(command.poses)
+    files = _numbered_frames(command.frames_dir)
+    if len(files) != len(trace.t_s):
+        raise ValueError(
+            f"{command.poses}: must have one row per frame: {len(files)} frames in "
+            f"{command.frames_dir}, {len(trace.t_s)} rows."
+        )
+    height, width, _ = scenes.pictures.read_picture(files[0]).shape
+    rate = command.refresh if command.refresh is not None else trace.rate_hz
+    camera = Camera(width, height, command.fov, rate)
+    out = _make_folder(command.out)
+    if out.resolve() == command.frames_dir.resolve():
+        raise ValueError(f"out must differ from the folder of the frames, got {out}.")
+
+    before, after = metrics.StreamedMtcd(), metrics.StreamedMtcd()
+
+    def pictures() -> Iterator[np.ndarray]:
+        for file in rich.progress.track(files, technique.id, console=console):
+            picture = scenes.pictures.read_picture(file)
+            if picture.shape != (height, width, 3):
+                raise ValueError(
+                    f"{file}: must be {width} x {height} px as the first frame, got "
+                    f"{picture.shape[1]} x {picture.shape[0]}."
+                )
+            before.add(picture)
+            yield picture
+
+    poses = trace.world_from_head
+    shown = simulation.stream(technique, camera, pictures(), poses)
+    for file, picture in zip(files, shown, strict=True):
+        after.add(picture)
+        _write_png(out / file.name, picture)
+    console.print(
+        f"MTCD before {before.value:.3f}, after {after.value:.3f} code values "
+        f"(ratio {after.value / before.value:.3f})"
+        if before.value
+        else "MTCD 0 before: no flicker to remove",
+        highlight=False,
+    )
+    console.print(f"Wrote {len(files)} displayed frames to {out}.", highlight=False)
+    return OK
+
+
+def _numbered_frames(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: must be a folder of numbered PNG frames.")
+    numbered = {}
+    for file in folder.iterdir():
+        digits = re.findall(r"\d+", file.stem)
+        if file.suffix.lower() == ".png" and digits:
+            number = int(digits[-1])
+            if number in numbered:
+                raise ValueError(f"{folder}: two frames have the number {number}.")
+            numbered[number] = file
+    if len(numbered) < 2:
+        raise ValueError(
+            f"{folder}: must hold at least 2 numbered PNG frames, has {len(numbered)}."
+        )
+    return [numbered[number] for number in sorted(numbered)]
+
+
+def _write_png(path: Path, picture: np.ndarray) -> None:
+    import PIL.Image
+
+    codes = np.floor(CODE_VALUES * np.clip(picture, 0, 1) + 0.5).astype(np.uint8)
+    with atomic_file(path) as file:
+        PIL.Image.fromarray(codes).save(file, format="PNG")

@@ -1,0 +1,4 @@
+"""How heads move: stochastic models and recorded traces."""
+
+from .process import HeadMotion as HeadMotion
+from .trace import Trace as Trace

@@ -1,0 +1,206 @@
+"""Pictures as scenes: a flat photograph, a panorama all around."""
+
+import os
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .. import _checks
+from .._types import Scalar
+from ..camera import Camera
+from . import base
+
+
+class Photograph(base.AbstractFlatScene):
+    """A flat picture, its centre straight ahead, read bilinearly in gamma.
+
+    Beyond its edges it continues as its mirror image, so it fills any field of view.
+
+    - `planes`: the picture as `of` and `read` keep it, `(channels, height, width)`.
+    - `magnification`: display pixels per texel in the hold pose; above 0. With 1 and
+      even sizes, the hold pose shows the picture's own texels.
+    - `name`: what tables call it.
+    """
+
+    planes: base.StoredPlanes
+    magnification: Scalar = eqx.field(
+        converter=_checks.number, default=1.0, kw_only=True
+    )
+    name: str = eqx.field(static=True, default="photograph", kw_only=True)
+
+    def __check_init__(self):
+        _checks.in_range("magnification", self.magnification, 0, open_low=True)
+
+    @classmethod
+    def of(
+        cls,
+        picture: ArrayLike,
+        *,
+        name: str = "photograph",
+        magnification: Scalar = 1.0,
+    ) -> "Photograph":
+        """Keep a picture.
+
+        **Arguments:** `picture`: gamma, shape `(height, width)` or `(height, width, 3)`;
+        uint8, uint16, or floating in `[0, 1]`.
+
+        **Errors:** `ValueError` for any other shape, dtype or range.
+        """
+        return cls(base.stored_planes(picture), magnification=magnification, name=name)
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike,
+        *,
+        name: str | None = None,
+        magnification: Scalar = 1.0,
+    ) -> "Photograph":
+        """Read a PNG, JPEG or other file that Pillow can read.
+
+        Turned upright by its EXIF orientation. Transparency is laid on black, in gamma.
+        16-bit grey keeps its 16 bits; Pillow gives 16-bit colour in 8 bits. Embedded
+        colour profiles are not applied: codes are taken as sRGB.
+
+        **Arguments:** `name`: by default the file's name without its ending.
+
+        **Errors:** `FileNotFoundError`, `IsADirectoryError` or `ValueError` naming the
+        file; `ImportError` without Pillow.
+        """
+        path = os.fspath(path)
+        picture = _read_picture(path)
+        name = name or _stem(path)
+        return cls.of(picture, magnification=magnification, name=name)
+
+    def plane_color(
+        self, camera: Camera, x: base.Coordinate, y: base.Coordinate
+    ) -> base.Colors:
+        """Gamma colour at `(x, y)` of the plane z = -1, tangent units."""
+        _, height, width = self.planes.shape
+        texels_per_unit = jnp.asarray(camera.focal_px / self.magnification, x.dtype)
+        column = x * texels_per_unit + (width - 1) / 2
+        row = (height - 1) / 2 - y * texels_per_unit
+        return base.read_planes(self.planes, column, row, base.mirror, base.mirror)
+
+
+class Panorama(base.AbstractScene):
+    """An equirectangular picture all around, read bilinearly in gamma.
+
+    Its centre column lies straight ahead, its top row straight up. Longitude wraps;
+    beyond the centres of its first and last row, at the poles, that row is repeated.
+
+    - `planes`: the picture as `of` and `read` keep it, `(channels, height, width)`,
+      2:1 within 1 %.
+    - `yaw_deg`: the hold pose looks this far to the left of the picture's centre, as a
+      head does that yaws; deg.
+    - `name`: what tables call it.
+    """
+
+    planes: base.StoredPlanes
+    yaw_deg: Scalar = eqx.field(converter=_checks.number, default=0.0, kw_only=True)
+    name: str = eqx.field(static=True, default="panorama", kw_only=True)
+
+    def __check_init__(self):
+        _checks.in_range("yaw_deg", self.yaw_deg)
+        _, height, width = self.planes.shape
+        if abs(width / (2 * height) - 1) > 0.01:
+            raise ValueError(
+                "a panorama must be 2:1 (width:height) within 1 %, "
+                f"got {width} x {height}."
+            )
+
+    @classmethod
+    def of(
+        cls,
+        picture: ArrayLike,
+        *,
+        name: str = "panorama",
+        yaw_deg: Scalar = 0.0,
+    ) -> "Panorama":
+        """Keep a picture.
+
+        **Arguments:** `picture`: gamma, shape `(height, width)` or `(height, width, 3)`;
+        uint8, uint16, or floating in `[0, 1]`.
+
+        **Errors:** `ValueError` for any other shape, dtype or range.
+        """
+        return cls(base.stored_planes(picture), yaw_deg=yaw_deg, name=name)
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike,
+        *,
+        name: str | None = None,
+        yaw_deg: Scalar = 0.0,
+    ) -> "Panorama":
+        """Read a file, as `Photograph.read` does, and with the same errors."""
+        path = os.fspath(path)
+        picture = _read_picture(path)
+        try:
+            return cls.of(picture, yaw_deg=yaw_deg, name=name or _stem(path))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def color(self, camera: Camera, direction: base.Directions) -> base.Colors:
+        """Gamma colour seen along a direction."""
+        right, up, back = direction
+        # At a pole the longitude is any, its gradient is not: keep atan2 away from it.
+        is_pole = (right == 0) & (back == 0)
+        right = jnp.where(is_pole, 0.0, right)
+        forward = jnp.where(is_pole, 1.0, -back)
+        across = jnp.where(is_pole, 0.0, jnp.hypot(right, forward))
+        longitude = jnp.arctan2(right, forward)  # to the right of straight ahead
+        latitude = jnp.arctan2(up, across)
+        _, height, width = self.planes.shape
+        turns = longitude / (2 * jnp.pi) - jnp.asarray(self.yaw_deg, up.dtype) / 360
+        column = (turns + 0.5) * width - 0.5
+        row = (0.5 - latitude / jnp.pi) * height - 0.5
+        return base.read_planes(self.planes, column, row, base.repeat, base.clamp)
+
+
+def _stem(path: str) -> str:
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+def _read_picture(path: str) -> np.ndarray:
+    """Gamma codes of a file: `(height, width)` or `(height, width, 3)`."""
+    try:
+        import PIL.Image
+    except ImportError as error:
+        raise ImportError(
+            "Reading pictures needs Pillow: install `hmdjit[study]`."
+        ) from error
+    if os.path.isdir(path):
+        raise IsADirectoryError(f"{path}: is a directory, not a picture.")
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"{path}: no such file.")
+    try:
+        with PIL.Image.open(path) as image:
+            return _decoded(image)
+    except PermissionError:
+        raise
+    except PIL.UnidentifiedImageError:
+        raise ValueError(f"{path}: not a picture that Pillow can read.") from None
+    # A damaged file makes Pillow's decoders raise almost anything.
+    except Exception as error:
+        raise ValueError(f"{path}: damaged or unreadable: {error}") from error
+
+
+def _decoded(image: Any) -> np.ndarray:
+    from PIL import ImageOps
+
+    upright = ImageOps.exif_transpose(image)
+    if upright.mode.startswith("I"):  # 16-bit grey: I;16, I;16B, or I in older Pillows
+        return np.clip(np.asarray(upright), 0, 65535).astype(np.uint16)
+    if upright.mode in ("LA", "PA", "RGBA", "La", "RGBa") or (
+        "transparency" in upright.info
+    ):
+        codes = np.asarray(upright.convert("RGBA")).astype(np.uint32)
+        on_black = (codes[..., :3] * codes[..., 3:] + 127) // 255
+        return on_black.astype(np.uint8)
+    grey = upright.mode in ("1", "L")
+    return np.asarray(upright.convert("L" if grey else "RGB"))

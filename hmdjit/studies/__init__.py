@@ -1,0 +1,1 @@
+"""Studies: many sessions, what they say, and how sure it is."""

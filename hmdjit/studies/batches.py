@@ -1,0 +1,97 @@
+"""Finished batches on disk: written whole or not at all, found again by their content.
+
+A batch's key is a hash of everything that decides its numbers. A study that is run again,
+or made longer, therefore finds what it has and computes only what it lacks.
+"""
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import jax
+import numpy as np
+
+from ..simulation import Result
+
+
+def fingerprint(*parts: Any) -> str:
+    """Return a SHA-256 over everything in some objects: types, fields, numbers, arrays.
+
+    **Errors:** `TypeError` for an object that cannot be taken apart.
+    """
+    digest = hashlib.sha256()
+    _absorb(digest, parts)
+    return digest.hexdigest()
+
+
+def _absorb(digest: Any, part: Any) -> None:
+    digest.update(f"<{type(part).__qualname__}>".encode())
+    if part is None or isinstance(part, str | int | float | bool):
+        digest.update(repr(part).encode())
+    elif isinstance(part, np.ndarray | np.generic | jax.Array):
+        array = np.ascontiguousarray(part)
+        digest.update(f"{array.dtype}{array.shape}".encode())
+        digest.update(array.tobytes())
+    elif isinstance(part, Mapping):
+        for name, value in part.items():
+            digest.update(repr(name).encode())
+            _absorb(digest, value)
+    elif isinstance(part, Sequence):
+        digest.update(f"[{len(part)}]".encode())
+        for value in part:
+            _absorb(digest, value)
+    elif dataclasses.is_dataclass(part):
+        for field in dataclasses.fields(part):
+            digest.update(field.name.encode())
+            _absorb(digest, getattr(part, field.name))
+    else:
+        raise TypeError(f"cannot take the fingerprint of a {type(part).__name__}.")
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path, mode: str = "wb") -> Iterator[IO]:
+    """Open a file that appears under its name only when it is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(
+        dir=path.parent, prefix=f".{path.name}.", suffix=".part"
+    )
+    try:
+        with os.fdopen(handle, mode) as file:
+            yield file
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
+        raise
+
+
+class Store:
+    """Batches of a study; in a folder, or nowhere."""
+
+    def __init__(self, folder: Path | None):
+        self._folder = None if folder is None else folder / "batches"
+
+    def find(self, name: str, key: str) -> Result | None:
+        """Return a finished batch, or None; an unreadable file counts as unfinished."""
+        if self._folder is None:
+            return None
+        try:
+            with np.load(self._path(name, key)) as file:
+                return Result(file["mtcd"], file["detail_loss"])
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def keep(self, name: str, key: str, result: Result) -> None:
+        """Write a finished batch."""
+        if self._folder is not None:
+            with atomic_file(self._path(name, key)) as file:
+                np.savez(file, mtcd=result.mtcd, detail_loss=result.detail_loss)
+
+    def _path(self, name: str, key: str) -> Path:
+        return self._folder / f"{name}-{key[:16]}.npz"

@@ -1,0 +1,246 @@
+"""From what a user writes (a STUDY.toml, the command line) to a `Study`.
+
+Both have the same keys; the command line overrides the file. Whatever is not said keeps
+the default study: eleven scenes, five rows, 500 sessions, a seated head.
+"""
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+
+from .. import _checks, scenes, techniques
+from ..camera import Camera
+from ..head_motion import HeadMotion, Trace
+from ..scenes.base import AbstractScene
+from ..techniques.base import AbstractTechnique
+from .monte_carlo import Study
+from .sessions import Replay
+from .tiles import CentralCrop, Tiles, WholeFrame
+
+TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a study can be told; None keeps the default."""
+
+    scenes: tuple[str, ...] | None = None
+    """Names of the study set to use (default: all eleven)."""
+    images: tuple[Path, ...] | None = None
+    """Flat pictures (PNG or JPEG) to use instead of the study set."""
+    panorama: tuple[Path, ...] | None = None
+    """Equirectangular panoramas to use instead of the study set."""
+    trace: tuple[Path, ...] | None = None
+    """Recorded heads (CSV t_s,qw,qx,qy,qz) to replay instead of the head model."""
+    techniques: tuple[str, ...] | None = None
+    """Technique ids, e.g. none msaa4 head_movement head_movement+ssaa2 freeze ssaa4."""
+    baseline: str | None = None
+    """The technique that ratios refer to (default: msaa4, else none)."""
+    sessions: int | None = None
+    """Viewing sessions (default: 500)."""
+    frames: int | None = None
+    """Displayed frames that are measured, at least 2 (default: 10)."""
+    warmup: int | None = None
+    """Displayed frames before them (default: 12)."""
+    crop: int | None = None
+    """Measure a central block of this side, px: not a sample of the frame."""
+    whole_frame: bool | None = None
+    """Measure every pixel of the frame instead of tiles."""
+    tiles: int | None = None
+    """Tiles per session (default: 2)."""
+    width: int | None = None
+    """Width of the camera frame, px (default: 1024)."""
+    height: int | None = None
+    """Height of the camera frame, px (default: 1024)."""
+    fov: float | None = None
+    """Horizontal field of view, deg (default: 96)."""
+    refresh: float | None = None
+    """Refresh rate, Hz (default: 60, or a trace's own)."""
+    oversampling: int | None = None
+    """Texels per display pixel and axis: 1, 2 or 4 (default: 2)."""
+    margin: float | None = None
+    """How far a head may turn from where it started, deg (default: 6)."""
+    seed: int | None = None
+    """Session i depends only on the study, the seed and i (default: 0)."""
+    out: Path | None = None
+    """Folder for everything that is written (default: hmdjit-study)."""
+
+
+def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
+    """Read a STUDY.toml: the keys of `Options` and a `[head_movement]` table.
+
+    Relative paths in it are relative to the file.
+
+    **Errors:** `ValueError` naming the file, and the key with the nearest known one.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a TOML file: {error}.") from None
+    parameters = content.pop("head_movement", {})
+    kinds = {field.name: str(field.type) for field in dataclasses.fields(Options)}
+    _refuse_unknown(path, content, kinds)
+    tunable = _tunable()
+    if not isinstance(parameters, dict):
+        raise ValueError(f"{path}: head_movement must be a table, got {parameters!r}.")
+    _refuse_unknown(path, parameters, tunable, "head_movement.")
+    values = {
+        key: _convert(path, key, kinds[key], value) for key, value in content.items()
+    }
+    return Options(**values), parameters
+
+
+def _tunable() -> list[str]:
+    fields = dataclasses.fields(techniques.HeadMovement)
+    return [field.name for field in fields if field.name != "resolve"]
+
+
+def _refuse_unknown(path: Path, keys: Any, known: Any, prefix: str = "") -> None:
+    for key in keys:
+        if key not in known:
+            near = difflib.get_close_matches(key, list(known), n=1)
+            hint = f" Did you mean {prefix}{near[0]}?" if near else ""
+            raise ValueError(f"{path}: unknown key {prefix}{key}.{hint}")
+
+
+def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
+    """Bring a TOML value to its option's type."""
+    single, is_list = kind.removesuffix(" | None"), "tuple" in kind
+    if is_list:
+        value = [value] if isinstance(value, str) else value
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise ValueError(f"{path}: {key} must be a list of strings, got {value!r}.")
+        return tuple(path.parent / v if "Path" in kind else v for v in value)
+    types = {"int": int, "float": (int, float), "bool": bool, "str": str, "Path": str}
+    name = next(name for name in types if name in single.split(".")[-1])
+    if not isinstance(value, types[name]) or (name != "bool" and value is True):
+        raise ValueError(f"{path}: {key} must be of type {name}, got {value!r}.")
+    return path.parent / value if name == "Path" else value
+
+
+def merged(low: Options, high: Options) -> Options:
+    """Return `low`, overridden by what `high` says."""
+    said = {
+        name: value
+        for name, value in dataclasses.asdict(high).items()
+        if value is not None
+    }
+    return dataclasses.replace(low, **said)
+
+
+def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> Study:
+    """Make the study that some options describe.
+
+    **Arguments:** `head_movement`: parameters of `techniques.HeadMovement`.
+
+    **Errors:** `ValueError` naming the option or the file, the range and the value.
+    """
+    numbers = {
+        name: getattr(options, name)
+        for name in ("sessions", "frames", "warmup", "oversampling")
+        if getattr(options, name) is not None
+    }
+    if options.margin is not None:
+        numbers["margin_deg"] = options.margin
+    # Numbers are checked before files are read: wrong ones are told at once.
+    for name, low in (("sessions", 1), ("frames", 2), ("warmup", 0)):
+        _checks.whole(name, numbers.get(name, low), low)
+    camera = _camera(options)
+    measure = _measure(options)
+    measure.block_size(camera)
+    chosen = _techniques(options, dict(head_movement or {}))
+    ids = [technique.id for technique in chosen]
+    default = "msaa4" if "msaa4" in ids else "none" if "none" in ids else ids[0]
+    return Study(
+        scenes=_scenes(options),
+        techniques=chosen,
+        head=_head(options),
+        camera=camera,
+        measure=measure,
+        baseline=options.baseline or default,
+        **numbers,
+    )
+
+
+def _camera(options: Options) -> Camera:
+    said = {
+        "width_px": options.width,
+        "height_px": options.height,
+        "fov_deg": options.fov,
+        "refresh_hz": options.refresh,
+    }
+    return Camera(**{name: value for name, value in said.items() if value is not None})
+
+
+def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
+    ways = {
+        "tiles": options.tiles is not None,
+        "crop": options.crop is not None,
+        "whole_frame": bool(options.whole_frame),
+    }
+    chosen = [name for name, is_said in ways.items() if is_said]
+    if len(chosen) > 1:
+        raise ValueError(f"{' and '.join(chosen)} exclude each other: name one of them.")
+    if options.whole_frame:
+        return WholeFrame()
+    if options.crop is not None:
+        return CentralCrop(options.crop)
+    return Tiles() if options.tiles is None else Tiles(options.tiles)
+
+
+def _techniques(
+    options: Options, head_movement: dict[str, Any]
+) -> list[AbstractTechnique]:
+    chosen = [techniques.by_id(id) for id in options.techniques or TECHNIQUES]
+    if not head_movement:
+        return chosen
+    return [
+        techniques.HeadMovement(**head_movement, resolve=technique.resolve)
+        if isinstance(technique, techniques.HeadMovement)
+        else technique
+        for technique in chosen
+    ]
+
+
+def _scenes(options: Options) -> dict[str, AbstractScene]:
+    files = [
+        (reader, path)
+        for reader, paths in (
+            (scenes.Photograph.read, options.images),
+            (scenes.Panorama.read, options.panorama),
+        )
+        for path in paths or ()
+    ]
+    if files and options.scenes:
+        raise ValueError("scenes and images exclude each other: name one of them.")
+    if files:
+        chosen = {}
+        for reader, path in files:
+            if path.stem in chosen:
+                raise ValueError(f"images must differ in name, got {path.stem} twice.")
+            chosen[path.stem] = reader(path)
+        return chosen
+    everything = scenes.study_set()
+    if options.scenes is None:
+        return everything
+    for name in options.scenes:
+        _checks.one_of("scenes", name, everything)
+    return {name: everything[name] for name in options.scenes}
+
+
+def _head(options: Options) -> HeadMotion | Replay:
+    if not options.trace:
+        return HeadMotion.seated()
+    replay = Replay([Trace.read(path) for path in options.trace])
+    if options.refresh is None:
+        return replay
+    return eqx.tree_at(
+        lambda r: r.rate_hz, replay, options.refresh, is_leaf=lambda node: node is None
+    )

@@ -1,0 +1,242 @@
+"""Means, ratios of means and geometric means of ratios, with 95 % intervals.
+
+Intervals are over sessions: each draws a new person and a new path, and scenes are
+fixed. Where recorded traces were replayed, the subject is the cluster.
+
+- From 50 sessions on, the interval of a mean is normal, that of a ratio is the delta
+  method's. Both use an influence `l_i`, how much session i moves the estimate, and the
+  standard error `sd(l) / sqrt(n)`.
+- Below, the sessions are resampled (2,000 replicates, fixed seed) and the interval lies
+  between percentiles of the replicates, at the levels `Phi(-+ sqrt(n / (n-1)) t)` with
+  Student's 97.5 % quantile t of n - 1 degrees of freedom. Percentiles keep to the range
+  of the estimate (never below 0), and the levels undo the plain bootstrap's narrowness.
+  For lognormal sessions with a coefficient of variation of 0.55, intervals of a mean
+  then cover 85, 91, 93, 94 % at 4, 8, 16, 32 sessions, those of a ratio 87, 94, 93,
+  94 %; plain percentiles and BCa cover 6 to 8 points less at 4 to 8 sessions, the basic
+  bootstrap 8 to 12 less, and BCa at the same levels no more.
+- With clusters, subjects are resampled and then each one's windows: slightly wide,
+  since the second stage repeats what the first already shows. Fewer than 5 subjects
+  cannot show how people differ: the interval is then over windows, and says so.
+
+**Source:** delta method for ratios: Cochran, "Sampling Techniques", 3rd ed., section
+6.3; two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
+Application", section 3.8; levels: Hesterberg, "What Teachers Should Know About the
+Bootstrap", The American Statistician 69(4), 2015, the expanded percentile interval.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from scipy import stats
+
+MIN_BASELINE_MTCD = 0.05
+"""Code values; a ratio to a baseline that flickers no more than this says nothing."""
+
+NO_FLICKER = "no flicker to remove"
+WINDOWS_ONLY = "between these windows only"
+NO_SESSION = "no session succeeded"
+NO_PAIR = "no session succeeded in both this and the baseline"
+
+Sessions = Float[np.ndarray, " session"]
+Cells = Float[np.ndarray, "scene session"]
+Subjects = Shaped[np.ndarray, " session"]
+
+_Z95 = float(stats.norm.ppf(0.975))
+_FEW_SESSIONS = 50
+_FEW_SUBJECTS = 5
+_REPLICATES = 2000
+_SEED = 20260101
+
+
+@dataclasses.dataclass(frozen=True)
+class Interval:
+    """An estimate and its 95 % interval; NaN where there is none, and `method` why."""
+
+    value: float
+    low: float
+    high: float
+    standard_error: float
+    method: str
+
+    @property
+    def half_width(self) -> float:
+        """Half the interval's length."""
+        return (self.high - self.low) / 2
+
+
+def mean_interval(x: Sessions, clusters: Subjects | None = None) -> Interval:
+    """Mean over sessions: influence `x_i - mean(x)`.
+
+    **Arguments:**
+
+    - `x`: one value per session; those that are not finite are left out.
+    - `clusters`: subject of each session, or None if every session is a new person.
+
+    **Returns:** the interval, in the unit of `x`; NaN bounds for a single session.
+    """
+    x, clusters = _finite(np.asarray(x, float)[None], clusters)
+    if x.shape[1] == 0:
+        return _none(NO_SESSION)
+    value = float(x.mean())
+    return _interval(value, x[0] - value, x, lambda means: means[0], clusters, "normal")
+
+
+def ratio_interval(
+    x: Sessions, y: Sessions, clusters: Subjects | None = None
+) -> Interval:
+    """Ratio of means `R = mean(x) / mean(y)`: influence `(x_i - R y_i) / mean(y)`.
+
+    The residuals are paired, so that what moves both (a restless person) cancels.
+
+    **Arguments:**
+
+    - `x`, `y`: MTCD of a technique and of the baseline in the same sessions, code
+      values; sessions where either is not finite are left out.
+    - `clusters`: subject of each session, or None if every session is a new person.
+
+    **Returns:** the interval, dimensionless; NaN unless `mean(y)` exceeds
+    `MIN_BASELINE_MTCD`.
+    """
+    (x, y), clusters = _finite(_paired(x, y), clusters)
+    if x.size == 0:
+        return _none(NO_PAIR)
+    if not y.mean() > MIN_BASELINE_MTCD:
+        return _none(NO_FLICKER)
+    value = float(x.mean() / y.mean())
+    influence = (x - value * y) / y.mean()
+    statistic = lambda means: means[0] / means[1]
+    return _interval(value, influence, np.stack([x, y]), statistic, clusters, "delta")
+
+
+def geometric_mean_ratio(
+    x: Cells, y: Cells, clusters: Subjects | None = None
+) -> Interval:
+    """Geometric mean over scenes of `R_s = mean(x_s) / mean(y_s)`.
+
+    Scenes are fixed and share their sessions: the influence of session i on the
+    logarithm is the mean over scenes of `(x_si - R_s y_si) / (R_s mean(y_s))`. From 50
+    sessions on, the interval is `G exp(-+ 1.96 se)`.
+
+    **Arguments:**
+
+    - `x`, `y`: MTCD of a technique and of the baseline, `(scene, session)`, code
+      values; in each scene, sessions where either is not finite are left out.
+    - `clusters`: subject of each session, or None if every session is a new person.
+
+    **Returns:** the interval, dimensionless, over the scenes whose baseline exceeds
+    `MIN_BASELINE_MTCD`; 0 if the technique removes all flicker from one of them.
+    """
+    x, y = _paired(x, y)
+    both = np.isfinite(x) & np.isfinite(y)
+    # A ratio of means is a ratio of sums, to which a session left out adds 0.
+    x, y = np.where(both, x, 0.0), np.where(both, y, 0.0)
+    has_ratio = y.sum(axis=1) > MIN_BASELINE_MTCD * both.sum(axis=1)
+    if not has_ratio.any():
+        return _none(NO_FLICKER if both.any() else NO_PAIR)
+    seen = both[has_ratio].any(axis=0)
+    x, y = x[has_ratio][:, seen], y[has_ratio][:, seen]
+    clusters = None if clusters is None else np.asarray(clusters)[seen]
+    scenes, x_mean = len(x), x.mean(axis=1)
+    ratio = x_mean / y.mean(axis=1)
+    if not ratio.all():
+        bound = 0.0 if x.shape[1] > 1 else math.nan
+        return Interval(0.0, bound, bound, bound, "exact: a scene without any flicker")
+    influence = np.mean((x - ratio[:, None] * y) / x_mean[:, None], axis=0)
+    statistic = lambda means: np.mean(np.log(means[:scenes] / means[scenes:]), axis=0)
+    log = _interval(
+        float(np.log(ratio).mean()),
+        influence,
+        np.concatenate([x, y]),
+        statistic,
+        clusters,
+        "delta of the logarithm",
+    )
+    value = math.exp(log.value)
+    error = value * log.standard_error
+    return Interval(value, math.exp(log.low), math.exp(log.high), error, log.method)
+
+
+def _paired(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if x.shape != y.shape:
+        raise ValueError(f"x and y must have one shape, got {x.shape} and {y.shape}.")
+    return np.stack([x, y])
+
+
+def _finite(
+    data: np.ndarray, clusters: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Keep the sessions (last axis) that are finite in every row."""
+    keep = np.isfinite(data).all(axis=0)
+    return data[:, keep], None if clusters is None else np.asarray(clusters)[keep]
+
+
+def _none(reason: str) -> Interval:
+    return Interval(math.nan, math.nan, math.nan, math.nan, reason)
+
+
+def _interval(
+    value: float,
+    influence: np.ndarray,
+    data: np.ndarray,
+    statistic: Callable[[np.ndarray], np.ndarray],
+    clusters: np.ndarray | None,
+    asymptotic: str,
+) -> Interval:
+    """Interval of `statistic(means of data over sessions)`, as the module describes."""
+    count = influence.size
+    suffix = f", {count} session" + "s" * (count > 1)
+    subjects = None if clusters is None else np.unique(clusters)
+    if subjects is not None and len(subjects) < _FEW_SUBJECTS:
+        suffix += f" of {len(subjects)} subject" + "s" * (len(subjects) > 1)
+        suffix, subjects = f"{suffix}: {WINDOWS_ONLY}", None
+    if count == 1:
+        return Interval(value, math.nan, math.nan, math.nan, f"no interval{suffix}")
+    # Equal up to rounding: resampling would only show the rounding.
+    if np.abs(influence).max() <= 1e-13 * max(1.0, abs(value)):
+        return Interval(value, value, value, 0.0, f"no spread{suffix}")
+    if subjects is None and count >= _FEW_SESSIONS:
+        error = float(np.std(influence, ddof=1)) / math.sqrt(count)
+        step = _Z95 * error
+        return Interval(value, value - step, value + step, error, asymptotic + suffix)
+    if subjects is None or clusters is None:
+        units, weights = count, _weights(count, None)
+    else:
+        units, index = len(subjects), np.searchsorted(subjects, clusters)
+        weights = _weights(count, index.astype(np.int64).tobytes())
+        suffix += f" of {units} subjects, both resampled"
+    # Sessions without any flicker can leave a replicate that has no ratio.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        replicates = statistic(data @ weights / weights.sum(axis=0))
+    replicates = replicates[np.isfinite(replicates)]
+    quantile = math.sqrt(units / (units - 1)) * stats.t.ppf(0.975, units - 1)
+    low, high = np.quantile(replicates, stats.norm.cdf([-quantile, quantile]))
+    error = float(np.std(replicates, ddof=1))
+    return Interval(value, float(low), float(high), error, f"bootstrap{suffix}")
+
+
+@functools.lru_cache(maxsize=2)
+def _weights(count: int, clusters: bytes | None) -> np.ndarray:
+    """How often each session is drawn in each replicate, `(session, replicate)`.
+
+    One seed: cells with the same sessions are resampled alike.
+    """
+    rng = np.random.default_rng(_SEED)
+    if clusters is None:
+        drawn = rng.multinomial(count, np.full(count, 1 / count), size=_REPLICATES)
+        return drawn.T.astype(float)
+    index = np.frombuffer(clusters, dtype=np.int64)
+    units = int(index.max()) + 1
+    times = rng.multinomial(units, np.full(units, 1 / units), size=_REPLICATES)
+    weights = np.zeros((count, _REPLICATES))
+    for unit in range(units):
+        windows = np.flatnonzero(index == unit)
+        share = np.full(len(windows), 1 / len(windows))
+        # A subject drawn k times: k draws of its number of windows, in one.
+        drawn = rng.multinomial(times[:, unit] * len(windows), share)
+        weights[windows] = drawn.T
+    return weights

@@ -1,0 +1,497 @@
+"""A study: sessions x scenes x techniques, all techniques on the same head paths.
+
+Sessions run in batches; a batch is the sessions of one dispatch and one file. Finished
+batches are kept, so an interrupted study goes on where it stopped.
+"""
+
+import json
+import os
+import platform
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jax.sharding import PartitionSpec as Spec
+from jaxtyping import Array, Float, Int
+
+from .. import _checks
+from .. import camera as pinhole
+from .._version import __version__
+from ..camera import Camera, Region
+from ..frame import Motion, Texture
+from ..head_motion import HeadMotion
+from ..scenes.base import AbstractScene, bake
+from ..simulation import Result, session
+from ..techniques import SSAA
+from ..techniques.base import AbstractTechnique
+from .batches import Store, fingerprint
+from .sessions import Batch, Head, Sessions
+from .tiles import Measurement, Tiles, required_halo_px
+
+if TYPE_CHECKING:
+    import xarray
+
+MODEL_VERSION = "1"
+"""Which numbers a study gives; changing any default that moves them changes this."""
+
+MOST_FAILED = 1e-3
+"""Share of the sessions; a study in which more than that fail is stopped."""
+
+_PILOT_SESSIONS = 256
+_NEAR_PX = 64  # how far around a block its displacement bounds hold
+
+
+class FailedSessionsError(RuntimeError):
+    """Too many sessions gave no finite number."""
+
+
+class Progress(NamedTuple):
+    """What a study is doing, told before and after each batch.
+
+    - `done`, `total`: session-scene-technique runs, those found on disk included.
+    - `doing`: in words.
+    - `fresh`: runs computed in this call, not found on disk.
+    """
+
+    done: int
+    total: int
+    doing: str
+    fresh: int
+
+
+class Study(eqx.Module):
+    """A Monte Carlo study of flicker.
+
+    - `scenes`: by name.
+    - `techniques`: compared on the same head paths and the same blocks.
+    - `camera`: of the headset; a replay at its own rate replaces `refresh_hz`.
+    - `head`: a model, from which each session draws a person and a path, or a `Replay`.
+    - `sessions`: at least 1; a replay has at most as many as windows.
+    - `frames`: displayed frames that are measured, at least 2.
+    - `warmup`: displayed frames before them, at least 0.
+    - `measure`: tiles (unbiased for the frame), the whole frame or a central crop.
+    - `baseline`: id of the technique that ratios refer to.
+    - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
+    - `margin_deg`: how far a head may turn from where it started.
+    """
+
+    scenes: Mapping[str, AbstractScene]
+    techniques: tuple[AbstractTechnique, ...] = eqx.field(converter=tuple)
+    head: Head
+    camera: Camera = eqx.field(default_factory=Camera)
+    sessions: int = 500
+    frames: int = 10
+    warmup: int = 12
+    measure: Measurement = eqx.field(default_factory=Tiles)
+    baseline: str = "msaa4"
+    oversampling: int = 2
+    margin_deg: float = 6.0
+
+    def __check_init__(self):
+        if not self.scenes:
+            raise ValueError("scenes must name at least one scene, got none.")
+        if not self.techniques:
+            raise ValueError("techniques must name at least one technique, got none.")
+        ids = [technique.id for technique in self.techniques]
+        if len(set(ids)) < len(ids):
+            raise ValueError(f"techniques must have distinct ids, got {', '.join(ids)}.")
+        _checks.one_of("baseline", self.baseline, ids)
+        _checks.whole("sessions", self.sessions, 1)
+        _checks.whole("frames", self.frames, 2)
+        _checks.whole("warmup", self.warmup, 0)
+        self.measure.block_size(self.camera)
+
+    @property
+    def display(self) -> Camera:
+        """The camera, at the rate that heads are replayed at."""
+        if isinstance(self.head, HeadMotion):
+            return self.camera
+        return eqx.tree_at(lambda c: c.refresh_hz, self.camera, self.head.refresh_hz)
+
+    def run(
+        self,
+        seed: int = 0,
+        *,
+        out: str | os.PathLike | None = None,
+        batch_size: int = 250,
+        progress: Callable[[Progress], None] = lambda event: None,
+    ) -> "xarray.Dataset":
+        """Run the study, or go on with it.
+
+        **Arguments:**
+
+        - `seed`: session i depends only on (study, seed, i).
+        - `out`: folder for `batches/` and `result.nc`; None keeps nothing.
+        - `batch_size`: sessions per dispatch and file; does not change a bit.
+        - `progress`: called before and after each batch.
+
+        **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
+        where a session failed; the attributes say what was run.
+
+        **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
+        finite number; `KeyboardInterrupt` leaves all finished batches in `out`.
+        """
+        _checks.whole("batch_size", batch_size, 1)
+        return _Run(self, seed, out, batch_size, progress).dataset()
+
+
+def _sessions(study: Study, seed: int, count: int) -> Sessions:
+    length = study.warmup + study.frames
+    return Sessions(seed, study.head, study.display, study.measure, count, length)
+
+
+class _Runner:
+    """Runs batches of a study; decides how wide their halos are."""
+
+    def __init__(self, study: Study, batch_size: int):
+        self.study, self.batch_size = study, batch_size
+        self.camera = study.display
+        self.block = study.measure.block_size(self.camera)
+        self.mesh = Mesh(np.array(jax.devices()), ("sessions",))
+        # The pilot's sessions are always the same ones, so that no session's result
+        # depends on which others are run with it.
+        pilot = _sessions(study, 0, _PILOT_SESSIONS)
+        batch = pilot.batch(0, pilot.count)
+        self._usual_halo = {}
+        for technique in dict.fromkeys(t.on_pictures() for t in study.techniques):
+            need = int(np.max(self._needed_halo(technique, batch)))
+            self._usual_halo[technique] = -(-need // 4) * 4
+
+    def run(
+        self, technique: AbstractTechnique, texture: Texture, batch: Batch
+    ) -> Result:
+        """Measure a batch, as NumPy arrays, `(sessions,)`."""
+        halo = self.halo(technique, batch)
+        usual = self._usual_halo[technique]
+        # Everyone runs with the usual halo, to compile once per technique; the few
+        # that need a wider one run again, eight at a time.
+        result = self._dispatch(technique, texture, batch, usual, self.batch_size)
+        mtcd, loss = np.array(result.mtcd), np.array(result.detail_loss)
+        for width in np.unique(halo[halo > usual]):
+            chosen = np.flatnonzero(halo == width)
+            wide = batch.select(chosen)
+            result = self._dispatch(technique, texture, wide, int(width), 8)
+            mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
+        return Result(mtcd, loss)
+
+    def halo(
+        self, technique: AbstractTechnique, batch: Batch
+    ) -> Int[np.ndarray, " sessions"]:
+        """Halo of each session, px: the usual one, doubled until it suffices."""
+        need = self._needed_halo(technique, batch)
+        halo = np.full(batch.count, self._usual_halo[technique])
+        while (short := halo < need).any():
+            halo[short] *= 2
+        return halo
+
+    def is_wide(self, technique: AbstractTechnique, batch: Batch) -> np.ndarray:
+        """Which sessions of a batch need more than the usual halo."""
+        return self.halo(technique, batch) > self._usual_halo[technique]
+
+    def _needed_halo(
+        self, technique: AbstractTechnique, batch: Batch
+    ) -> Int[np.ndarray, " sessions"]:
+        frame = (self.camera.width_px, self.camera.height_px)
+        speed = np.linalg.norm(np.asarray(batch.motion.increment), axis=-1)
+        speed_deg_s = np.degrees(speed) * float(self.camera.refresh_hz)
+
+        def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
+            bounds = _motion_bounds(self.camera, batch, self.block, around_px)
+            reach = technique.history_reach(speed_deg_s, np.asarray(bounds))
+            none = np.zeros(batch.count, int)
+            needed = none if reach is None else required_halo_px(reach)
+            return needed + technique.stencil_radius_px
+
+        if self.block == frame:
+            return np.zeros(batch.count, int)
+        needed = halo(_NEAR_PX)
+        # Wider halos reach pixels that may move faster: bound them by the whole frame.
+        return np.where(needed > _NEAR_PX, halo(max(frame)), needed)
+
+    def _dispatch(
+        self,
+        technique: AbstractTechnique,
+        texture: Texture,
+        batch: Batch,
+        halo: int,
+        multiple: int,
+    ) -> Result:
+        multiple = int(np.lcm(multiple, self.mesh.size))
+        padded = -(-batch.count // multiple) * multiple
+        filled = batch.select(np.resize(np.arange(batch.count), padded))
+        result = _measure(
+            texture,
+            self.camera,
+            technique,
+            filled.motion,
+            filled.origins,
+            mesh=self.mesh,
+            block=self.block,
+            halo=halo,
+            warmup=self.study.warmup,
+        )
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.count], result)
+
+
+@partial(jax.jit, static_argnames=("mesh", "block", "halo", "warmup"))
+def _measure(
+    texture: Texture,
+    camera: Camera,
+    technique: AbstractTechnique,
+    motion: Motion,
+    origins: Int[Array, "sessions blocks 2"],
+    *,
+    mesh: Mesh,
+    block: tuple[int, int],
+    halo: int,
+    warmup: int,
+) -> Result:
+    """Measure sessions: mapped one by one, the mean over their blocks each."""
+    width = min(block[0] + 2 * halo, camera.width_px)
+    height = min(block[1] + 2 * halo, camera.height_px)
+
+    def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
+        x0, y0 = origin
+        # The region is shifted to stay within the frame: there its edge is the frame's.
+        left = jnp.clip(x0 - halo, 0, camera.width_px - width)
+        top = jnp.clip(y0 - halo, 0, camera.height_px - height)
+        region = Region(left, top, width, height)
+        measured = Region(x0, y0, *block)
+        return session(texture, camera, technique, motion, region, measured, warmup)
+
+    def one_session(arguments: tuple) -> Result:
+        motion, origins = arguments
+        results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
+        return jax.tree.map(jnp.mean, results)
+
+    def many(texture, camera, technique, motion, origins) -> Result:
+        return jax.lax.map(one_session, (motion, origins))
+
+    split, whole = Spec("sessions"), Spec()
+    return jax.shard_map(
+        many,
+        mesh=mesh,
+        in_specs=(whole, whole, whole, split, split),
+        out_specs=split,
+        check_vma=False,
+    )(texture, camera, technique, motion, origins)
+
+
+@partial(jax.jit, static_argnames=("block", "around_px"))
+def _bounds(
+    camera: Camera,
+    increments: Float[Array, "sessions frames 3"],
+    origins: Int[Array, "sessions blocks 2"],
+    block: tuple[int, int],
+    around_px: int,
+) -> Float[Array, "sessions frames 2"]:
+    width, height = (side + 2 * around_px for side in block)
+
+    def bound(increment: Array, origin: Array) -> Array:
+        x0, y0 = origin - around_px
+        region = Region(x0, y0, width, height)
+        return pinhole.displacement_bound(camera, region, increment)
+
+    over_blocks = jax.vmap(bound, (None, 0))
+    over_frames = jax.vmap(over_blocks, (0, None))
+    return jnp.max(jax.vmap(over_frames)(increments, origins), axis=2)
+
+
+def _motion_bounds(
+    camera: Camera, batch: Batch, block: tuple[int, int], around_px: int
+) -> Float[Array, "sessions frames 2"]:
+    """Largest displacement of a session's blocks by each increment, px."""
+    return _bounds(
+        camera, batch.motion.increment, batch.origins, block, around_px=around_px
+    )
+
+
+class _Run:
+    """One call of `Study.run`."""
+
+    def __init__(
+        self,
+        study: Study,
+        seed: int,
+        out: str | os.PathLike | None,
+        batch_size: int,
+        progress: Callable[[Progress], None],
+    ):
+        self.study, self.seed, self.tell = study, seed, progress
+        self.out = None if out is None else Path(out)
+        self.sessions = _sessions(study, seed, study.sessions)
+        self.batch_size = min(batch_size, self.sessions.count)
+        self.runner = _Runner(study, self.batch_size)
+        self.store = Store(self.out)
+        # Techniques that show the same on pictures share a run: their places, by run.
+        self.runs: dict[AbstractTechnique, list[int]] = {}
+        for place, technique in enumerate(study.techniques):
+            self.runs.setdefault(technique.on_pictures(), []).append(place)
+        shape = (len(study.techniques), len(study.scenes), self.sessions.count)
+        self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
+        self.ran = np.zeros(shape, bool)
+        self.wide = np.zeros(self.sessions.count, bool)
+        self.rotation_deg = np.zeros(self.sessions.count)
+        self.identity = fingerprint(
+            [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
+            [study.display, study.head, study.frames, study.warmup, study.measure],
+            [study.oversampling, float(study.margin_deg)],
+        )
+
+    def dataset(self) -> "xarray.Dataset":
+        """Run what is missing and gather everything."""
+        starts = range(0, self.sessions.count, self.batch_size)
+        done = fresh = 0
+        for s, (name, scene) in enumerate(self.study.scenes.items()):
+            scene_key = fingerprint(scene)
+            texture = None
+            for start in starts:
+                batch = self.sessions.batch(start, self.batch_size)
+                here = slice(start, start + batch.count)
+                for technique, places in self.runs.items():
+                    file = f"{technique.id}-{name}-{start}"
+                    key = fingerprint(
+                        self.identity, scene_key, technique, start, batch.count
+                    )
+                    result = self.store.find(file, key)
+                    if result is None:
+                        if texture is None:
+                            self._say(f"baking {name}", done, fresh)
+                            texture = self._bake(scene)
+                        self._say(f"{name}: {technique.id}", done, fresh)
+                        result = self.runner.run(technique, texture, batch)
+                        self.store.keep(file, key, result)
+                        fresh += batch.count * len(places)
+                    self.mtcd[places, s, here] = result.mtcd
+                    self.detail_loss[places, s, here] = result.detail_loss
+                    self.ran[places, s, here] = True
+                    done += batch.count * len(places)
+                    self._say(f"{name}: {technique.id}", done, fresh)
+                self._stop_if_many_failed()
+                if s == 0:
+                    self._describe(batch, here)
+        return self._gather()
+
+    def _say(self, doing: str, done: int, fresh: int) -> None:
+        self.tell(Progress(done, self.mtcd.size, doing, fresh))
+
+    def _bake(self, scene: AbstractScene) -> Texture:
+        return bake(
+            scene,
+            self.study.display,
+            oversampling=self.study.oversampling,
+            margin_deg=self.study.margin_deg,
+        )
+
+    def _describe(self, batch: Batch, here: slice) -> None:
+        for technique in self.runs:
+            self.wide[here] |= self.runner.is_wide(technique, batch)
+        turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
+        self.rotation_deg[here] = np.sqrt(np.mean(np.sum(turn**2, axis=-1), axis=-1))
+
+    def _failed(self) -> list[int]:
+        """Sessions that were run and gave a non-finite number anywhere."""
+        is_bad = self.ran & ~np.isfinite(self.mtcd + self.detail_loss)
+        return [int(i) for i in np.flatnonzero(is_bad.any(axis=(0, 1)))]
+
+    def _stop_if_many_failed(self) -> None:
+        failed = self._failed()
+        if len(failed) > MOST_FAILED * self.sessions.count:
+            named = ", ".join(map(str, failed[:10])) + (", ..." if failed[10:] else "")
+            raise FailedSessionsError(
+                f"{len(failed)} of {self.sessions.count} sessions gave no finite number "
+                f"(sessions {named}); at most {MOST_FAILED:.1%} may. A head that turns "
+                f"more than margin_deg = {self.study.margin_deg:g} from where it "
+                "started is one cause."
+            )
+
+    def _gather(self) -> "xarray.Dataset":
+        import xarray
+
+        study, camera = self.study, self.study.display
+        dims = ("technique", "scene", "session")
+        code = {"units": "code values of 255"}
+        dataset = xarray.Dataset(
+            {
+                "mtcd": (dims, self.mtcd, code),
+                "detail_loss": (dims, self.detail_loss, {"units": "code values^2"}),
+                "rotation_deg": (
+                    "session",
+                    self.rotation_deg,
+                    {"units": "deg", "long_name": "RMS rotation per frame"},
+                ),
+            },
+            {
+                "technique": [technique.id for technique in study.techniques],
+                "scene": list(study.scenes),
+                "session": np.arange(self.sessions.count),
+            },
+            self._attributes(camera),
+        )
+        if self.sessions.subjects is not None:
+            dataset = dataset.assign_coords(subject=("session", self.sessions.subjects))
+        if self.out is not None:
+            write_dataset(dataset, self.out / "result.nc")
+        return dataset
+
+    def _attributes(self, camera: Camera) -> dict:
+        study = self.study
+        centre = np.array([camera.width_px, camera.height_px], np.float32) / 2
+        side = centre * np.array([2, 1], np.float32)
+        return {
+            "title": "MTCD and detail loss of simulated viewing sessions",
+            "hmdjit_version": __version__,
+            "model_version": MODEL_VERSION,
+            "config_hash": fingerprint(self.identity, study),
+            "seed": self.seed,
+            "baseline": study.baseline,
+            "reference": SSAA().id,
+            "frames": study.frames,
+            "warmup": study.warmup,
+            "measure": str(study.measure),
+            "head": repr(study.head),
+            "width_px": camera.width_px,
+            "height_px": camera.height_px,
+            "fov_deg": float(camera.fov_deg),
+            "refresh_hz": float(camera.refresh_hz),
+            "px_per_deg_centre": _yaw_px_per_deg(camera, centre),
+            "px_per_deg_side": _yaw_px_per_deg(camera, side),
+            "px_per_deg_mean": mean_px_per_deg(camera),
+            "oversampling": study.oversampling,
+            "margin_deg": float(study.margin_deg),
+            "dtype": "float32",
+            "device": f"{len(jax.devices())} x {jax.devices()[0].device_kind}",
+            "machine": platform.machine(),
+            "python_version": platform.python_version(),
+            "jax_version": jax.__version__,
+            "numpy_version": np.__version__,
+            "failed_sessions": json.dumps(self._failed()),
+            "wide_halo_sessions": int(self.wide.sum()),
+        }
+
+
+def _yaw_px_per_deg(camera: Camera, position_px: Float[np.ndarray, "2"]) -> float:
+    return float(pinhole.px_per_deg(camera, jnp.asarray(position_px))[0])
+
+
+def mean_px_per_deg(camera: Camera) -> float:
+    """Picture motion per degree of yaw or pitch, averaged over the camera frame."""
+    x = (np.arange(64) + 0.5) / 64 * camera.width_px
+    y = (np.arange(64) + 0.5) / 64 * camera.height_px
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float32)
+    speeds = jax.vmap(lambda p: pinhole.px_per_deg(camera, p))(jnp.asarray(grid))
+    return float(jnp.mean(speeds))
+
+
+def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:
+    """Write a dataset as NetCDF 4, whole or not at all."""
+    partial_path = path.with_name(f".{path.name}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dataset.to_netcdf(partial_path, engine="h5netcdf")
+    os.replace(partial_path, path)

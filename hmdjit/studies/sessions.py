@@ -1,0 +1,198 @@
+"""The sessions of a study: their head paths and the blocks that they measure.
+
+Head paths come either from a model, drawn anew for each session, or from recorded
+traces, cut into windows. Session i depends only on (study, seed, i).
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float64, Int
+
+from .. import _checks
+from .._types import RandomKey
+from ..camera import Camera
+from ..frame import Motion
+from ..head_motion import HeadMotion, Trace
+from ..quaternion import rebase
+from .tiles import Measurement
+
+class Replay(eqx.Module):
+    """Recorded heads: each session is a window of a trace, at the trace's own rate.
+
+    - `traces`: the recordings.
+    - `rate_hz`: replay at this rate instead, resampled by slerp; None is their own.
+    """
+
+    traces: tuple[Trace, ...] = eqx.field(converter=tuple)
+    rate_hz: float | None = None
+
+    def __check_init__(self):
+        if not self.traces:
+            raise ValueError("traces must name at least one recording, got none.")
+        if self.rate_hz is not None:
+            _checks.in_range("rate_hz", self.rate_hz, 0, open_low=True)
+            return
+        rates = [trace.rate_hz for trace in self.traces]
+        middle = float(np.median(rates))
+        for trace, rate in zip(self.traces, rates, strict=True):
+            if abs(rate / middle - 1) > 0.02:
+                raise ValueError(
+                    f"traces must share one rate within 2 % to be replayed at their own: "
+                    f"{trace.name} has {rate:.2f} Hz, the median is {middle:.2f} Hz; "
+                    "name a refresh rate to resample them."
+                )
+
+    @property
+    def refresh_hz(self) -> float:
+        """Frames per second of the replay; the median over traces of their own."""
+        if self.rate_hz is not None:
+            return self.rate_hz
+        return float(np.median([trace.rate_hz for trace in self.traces]))
+
+    def windows(
+        self, frames: int
+    ) -> tuple[Float64[np.ndarray, "windows frames 4"], list[str]]:
+        """Return all whole windows of the traces, re-based, and the subject of each.
+
+        **Errors:** `ValueError` if no trace is as long as a window.
+        """
+        cut = [
+            (trace.windows(frames, rate_hz=self.rate_hz), trace.subject)
+            for trace in self.traces
+            if round(trace.duration_s * (self.rate_hz or trace.rate_hz)) + 1 >= frames
+        ]
+        if not cut:
+            raise ValueError(
+                f"traces must last at least {frames} frames at {self.refresh_hz:.1f} Hz; "
+                f"the longest lasts {max(t.duration_s for t in self.traces):.2f} s."
+            )
+        windows = np.concatenate([block for block, _ in cut])
+        subjects = [subject for block, subject in cut for _ in block]
+        return np.stack([rebase(window) for window in windows]), subjects
+
+
+Head = HeadMotion | Replay
+
+
+@eqx.filter_jit
+def _model_motion(
+    key: RandomKey,
+    head: HeadMotion,
+    sessions: Int[Array, " sessions"],
+    rate_hz: float,
+    frames: int,
+) -> Motion:
+    """Head paths of some sessions, drawn from a model: float32, `(sessions, frames, 3)`.
+
+    Sessions are mapped, not vectorised, so that a session's bits do not depend on which
+    others are drawn with it.
+    """
+
+    def draw(session: Int[Array, ""]) -> Motion:
+        session_key = session_keys(key, session).head
+        return Motion.of(head.sample(session_key, rate_hz, frames, dtype=jnp.float32))
+
+    return jax.lax.map(draw, sessions)
+
+
+@jax.jit
+def _recorded_motion(poses: Float[Array, "sessions frames 4"]) -> Motion:
+    """Motion of re-based windows, `(sessions, frames, 3)`."""
+    return jax.lax.map(Motion.of, poses)
+
+
+class SessionKeys(eqx.Module):
+    """The random keys of one session: of its head and of the blocks it measures."""
+
+    head: RandomKey
+    blocks: RandomKey
+
+
+def session_keys(key: RandomKey, session: Int[Array, ""]) -> SessionKeys:
+    """Keys of session i: they depend on the study's key and on i only."""
+    head, blocks = jax.random.split(jax.random.fold_in(key, session))
+    return SessionKeys(head, blocks)
+
+
+def study_key(seed: int) -> RandomKey:
+    """Return a study's key; threefry, whatever the process's default is."""
+    return jax.random.key(seed, impl="threefry2x32")
+
+
+class Batch(NamedTuple):
+    """Sessions from `start` on, with their paths and blocks."""
+
+    start: int
+    motion: Motion
+    origins: Int[Array, "sessions blocks 2"]
+
+    @property
+    def count(self) -> int:
+        """Sessions in the batch."""
+        return self.origins.shape[0]
+
+    def select(self, index: Int[np.ndarray, " chosen"]) -> "Batch":
+        """Some sessions of the batch, any of them any number of times."""
+        motion = jax.tree.map(lambda leaf: leaf[index], self.motion)
+        return Batch(self.start, motion, self.origins[index])
+
+
+class Sessions:
+    """The sessions of a study, made batch by batch.
+
+    - `count`: how many there are; of a replay, at most its windows.
+    - `subjects`: the subject of each, of a replay; else None.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        head: Head,
+        camera: Camera,
+        measure: Measurement,
+        count: int,
+        length: int,
+    ):
+        self._key = study_key(seed)
+        self._head, self._camera, self._measure = head, camera, measure
+        self._length = length
+        self.count = count
+        self.subjects: list[str] | None = None
+        if isinstance(head, Replay):
+            windows, subjects = head.windows(length)
+            # The order is drawn for all windows, so a longer study begins alike.
+            order = np.asarray(jax.random.permutation(self._key, len(windows)))[:count]
+            self.count = len(order)
+            self._windows = windows[order]
+            self.subjects = [subjects[i] for i in order]
+
+    def batch(self, start: int, size: int) -> Batch:
+        """Sessions from `start` on, `size` of them or what is left."""
+        count = min(size, self.count - start)
+        indices = jnp.arange(start, start + count, dtype=jnp.int32)
+        origins = _blocks(self._key, self._measure, self._camera, indices)
+        if isinstance(self._head, HeadMotion):
+            rate_hz = float(self._camera.refresh_hz)
+            motion = _model_motion(
+                self._key, self._head, indices, rate_hz, self._length
+            )
+        else:
+            poses = jnp.asarray(self._windows[start : start + count], jnp.float32)
+            motion = _recorded_motion(poses)
+        return Batch(start, motion, origins)
+
+
+@eqx.filter_jit
+def _blocks(
+    key: RandomKey,
+    measure: Measurement,
+    camera: Camera,
+    indices: Int[Array, " sessions"],
+) -> Int[Array, "sessions blocks 2"]:
+    return jax.lax.map(
+        lambda i: measure.draw(session_keys(key, i).blocks, camera), indices
+    )

@@ -1,0 +1,109 @@
+"""The technique contract.
+
+A technique is a frozen configuration with `init(frame) -> state` and
+`step(state, frame, motion) -> (state, displayed)`: pure, per region, on planes. A session
+calls `init` with its first frame and `step` with every frame, the first one included
+(motion 0), so that displayed frame 0 is frame 0. Sources (history) are read only through
+`source.at(displacement)`.
+"""
+
+import abc
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .. import color, sample_patterns
+from .._types import Rgb, Samples
+from ..frame import Frame, Motion
+
+State = Any
+SPACES = ("gamma", "linear")
+
+
+class HistoryReach(eqx.Module):
+    """How what a frame shows depends on the frame before, for sizing halos.
+
+    - `px`: how far each frame's history is displaced, per axis, px.
+    - `gain`: how much of an error in the history can remain.
+    """
+
+    px: Float[np.ndarray, "*sessions frames 2"]
+    gain: Float[np.ndarray, "*sessions frames"]
+
+
+class AbstractTechnique(eqx.Module):
+    """An anti-aliasing technique."""
+
+    stencil_radius_px: ClassVar[int] = 0
+    """How far around a pixel the current frame is read; widens halos."""
+
+    remembers: ClassVar[bool] = True
+    """Whether frames before the measured ones can matter (else they are not run)."""
+
+    @property
+    @abc.abstractmethod
+    def id(self) -> str:
+        """Name in tables and on the command line."""
+
+    @property
+    def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
+        """Sub-pixel samples to render: row k mod period, x right, y down, from centre."""
+        return sample_patterns.centre()[None]
+
+    @property
+    def reads_supersampled(self) -> bool:
+        """Whether one read of a texture's SSAA(4) channel is all of its samples."""
+        return False
+
+    @abc.abstractmethod
+    def init(self, frame: Frame) -> State:
+        """State before the first frame."""
+
+    @abc.abstractmethod
+    def step(self, state: State, frame: Frame, motion: Motion) -> tuple[State, Rgb]:
+        """Next state, and the displayed picture, gamma, `(3, height, width)`."""
+
+    def on_pictures(self) -> "AbstractTechnique":
+        """Return the technique that shows exactly the same on scenes without edges."""
+        return self
+
+    def history_reach(
+        self,
+        speed_deg_s: Float[np.ndarray, "*sessions frames"],
+        bounds_px: Float[np.ndarray, "*sessions frames 2"],
+    ) -> HistoryReach | None:
+        """How far history reaches in each frame; None where there is none.
+
+        **Arguments:** `speed_deg_s`: head speed; `bounds_px`: the largest displacement
+        that the whole increment causes, per axis.
+        """
+        return None
+
+
+class AbstractSpatial(AbstractTechnique):
+    """A technique that shows each frame on its own: samples in, one picture out."""
+
+    remembers: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def resolve(self, frame: Frame) -> Rgb:
+        """Return the picture of a frame's samples, gamma, `(3, height, width)`."""
+
+    def init(self, frame: Frame) -> None:
+        """Spatial techniques keep nothing."""
+
+    def step(self, state: None, frame: Frame, motion: Motion) -> tuple[None, Rgb]:
+        """Show the resolved frame."""
+        return None, self.resolve(frame)
+
+
+def mean_of_samples(samples: Samples, space: str) -> Rgb:
+    """Mean over samples in a colour space; gamma in and out, `(3, height, width)`."""
+    if samples.shape[0] == 1:
+        return samples[0]
+    if space == "linear":
+        return color.encode(jnp.mean(color.decode(samples), axis=0))
+    return jnp.mean(samples, axis=0)

@@ -1,0 +1,25 @@
+"""The frozen picture: a control, not a technique."""
+
+from .._types import Rgb
+from ..frame import Frame, Motion
+from .base import AbstractTechnique
+
+
+class Freeze(AbstractTechnique):
+    """Show frame 0 for ever: no flicker at all, and all detail of later frames lost.
+
+    It wins every comparison by MTCD alone, which is why detail loss stands beside it.
+    """
+
+    @property
+    def id(self) -> str:
+        """`freeze`."""
+        return "freeze"
+
+    def init(self, frame: Frame) -> Rgb:
+        """Keep the first frame."""
+        return frame.color[0]
+
+    def step(self, state: Rgb, frame: Frame, motion: Motion) -> tuple[Rgb, Rgb]:
+        """Show it again."""
+        return state, state

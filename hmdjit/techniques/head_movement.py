@@ -1,0 +1,170 @@
+"""Head-movement based temporal anti-aliasing (Kim et al.)."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .. import _checks, blending, color, quaternion, reprojection
+from .._types import Rgb, Scalar
+from ..frame import Frame, History, Motion
+from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
+
+DIFFERENCES = ("euclidean", "max_channel", "same_pixel")
+
+
+def _numbers(values) -> tuple:
+    return tuple(_checks.number(value) for value in values)
+
+
+def _optional_numbers(values) -> tuple | None:
+    return None if values is None else _numbers(values)
+
+
+class HeadMovement(AbstractTechnique):
+    """Blend each frame with the displayed past, found from the head's rotation alone.
+
+    - `w_min`: weight of the current picture at rest; in `[0, 1]`.
+    - `w_lb`: that weight where past and present differ most; in `[0, w_min]`.
+    - `h_max_deg_s`: head speed from which only the current picture is shown; above 0.
+    - `closeness`: Kim's d of each past sample, in `[0, 1]`: 1 is the current pose.
+    - `weights`: of the past samples; None is `d_i / sum d`. Scaled to sum to 1.
+    - `resolve`: how a frame's samples become one picture: none, SSAA or MSAA.
+    - `difference`: what localises the weight: `"euclidean"` and `"max_channel"` compare
+      with the reprojected past, `"same_pixel"` with the last displayed pixel.
+    - `space`: colour space of everything above, `"gamma"` or `"linear"`.
+
+    **Source:** Kim et al., equations (1) to (5), with the paper's constants as
+    defaults. Where `Frame.static_mask` is False the current picture is shown.
+    """
+
+    w_min: Scalar = eqx.field(converter=_checks.number, default=0.3)
+    w_lb: Scalar = eqx.field(converter=_checks.number, default=0.1)
+    h_max_deg_s: Scalar = eqx.field(converter=_checks.number, default=25.0)
+    closeness: tuple[Scalar, ...] = eqx.field(converter=_numbers, default=(2 / 3,))
+    weights: tuple[Scalar, ...] | None = eqx.field(
+        converter=_optional_numbers, default=None
+    )
+    resolve: AbstractSpatial | None = None
+    difference: str = eqx.field(static=True, default="euclidean")
+    space: str = eqx.field(static=True, default="gamma")
+
+    def __check_init__(self):
+        _checks.in_range("w_min", self.w_min, 0, 1)
+        _checks.in_range("w_lb", self.w_lb, 0, 1)
+        known = not (_checks.is_traced(self.w_min) or _checks.is_traced(self.w_lb))
+        if known and self.w_lb > self.w_min:
+            raise ValueError(
+                f"w_lb must lie in [0, w_min = {self.w_min:g}], got {self.w_lb:g}."
+            )
+        _checks.in_range("h_max_deg_s", self.h_max_deg_s, 0, open_low=True)
+        if not self.closeness:
+            raise ValueError("closeness must name at least one past sample, got ().")
+        for i, d in enumerate(self.closeness):
+            _checks.in_range(f"closeness[{i}]", d, 0, 1)
+        if self.weights is not None and len(self.weights) != len(self.closeness):
+            raise ValueError(
+                f"weights must have one entry per past sample ({len(self.closeness)}), "
+                f"got {len(self.weights)}."
+            )
+        for i, weight in enumerate(self._raw_weights()):
+            _checks.in_range(f"weights[{i}]", weight, 0)
+        total = sum(self._raw_weights())
+        if not _checks.is_traced(total) and total <= 0:
+            raise ValueError(f"weights must have a positive sum, got {total:g}.")
+        _checks.one_of("difference", self.difference, DIFFERENCES)
+        _checks.one_of("space", self.space, SPACES)
+
+    @property
+    def id(self) -> str:
+        """`head_movement`, with what it resolves, as `head_movement+ssaa2`."""
+        return "head_movement" + (f"+{self.resolve.id}" if self.resolve else "")
+
+    @property
+    def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
+        """Those of `resolve`."""
+        spatial = self.resolve or super()
+        return spatial.sample_offsets_px
+
+    @property
+    def reads_supersampled(self) -> bool:
+        """As `resolve`."""
+        return self.resolve is not None and self.resolve.reads_supersampled
+
+    def _raw_weights(self) -> tuple[Scalar, ...]:
+        if self.weights is not None:
+            return self.weights
+        # Samples that are all at d = 0 have no ratio of d: they count alike.
+        if all(isinstance(d, float) and d == 0 for d in self.closeness):
+            return (1.0,) * len(self.closeness)
+        return self.closeness
+
+    def _current(self, frame: Frame) -> Rgb:
+        gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]
+        return color.decode(gamma) if self.space == "linear" else gamma
+
+    def init(self, frame: Frame) -> History:
+        """History starts as the first frame."""
+        return History.of(self._current(frame))
+
+    def step(
+        self, state: History, frame: Frame, motion: Motion
+    ) -> tuple[History, Rgb]:
+        """Equations (1) to (5)."""
+        current = self._current(frame)
+        speed_rad = quaternion.angle(motion.increment) * frame.camera.refresh_hz
+        easing = blending.ease(speed_rad * (180 / np.pi), self.h_max_deg_s)
+
+        past = [
+            reprojection.past_position(frame, motion.increment, d)
+            for d in self.closeness
+        ]
+        raw = self._raw_weights()
+        weights = [weight / sum(raw) for weight in raw]
+        history = blending.past_color([state.at(position) for position in past], weights)
+
+        is_blended = past[0].inside()
+        for position in past[1:]:
+            is_blended &= position.inside()
+        if frame.static_mask is not None:
+            is_blended &= frame.static_mask
+
+        if self.difference == "same_pixel":
+            difference = blending.color_difference(current, state.planes)
+        else:
+            difference = blending.color_difference(
+                current, history, kind=self.difference
+            )
+        minimum = blending.localized_minimum(self.w_min, self.w_lb, difference)
+        weight = blending.current_weight(minimum, easing)
+        displayed = blending.blend(current, history, weight, is_blended)
+
+        shown = color.encode(displayed) if self.space == "linear" else displayed
+        return History.of(displayed), shown
+
+    def on_pictures(self) -> "HeadMovement":
+        """On pictures, resolving MSAA is resolving one sample."""
+        if self.resolve is None:
+            return self
+        spatial = self.resolve.on_pictures()
+        return eqx.tree_at(
+            lambda t: t.resolve,
+            self,
+            None if spatial.id == "none" else spatial,
+            is_leaf=lambda node: node is self.resolve,
+        )
+
+    def history_reach(
+        self,
+        speed_deg_s: Float[np.ndarray, "*sessions frames"],
+        bounds_px: Float[np.ndarray, "*sessions frames 2"],
+    ) -> HistoryReach:
+        """History moves by `1 - d` of a frame's motion and keeps at most its gain.
+
+        An error e in the history changes `(1 - A) H` by `(1 - A) e`, and A itself
+        through equation (5) by at most `(w_min - w_lb) e` at the largest difference,
+        where `1 - A` is largest too: `(1 - w_min + 2 (w_min - w_lb)) (1 - E)` in all.
+        """
+        easing = np.asarray(blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s))
+        gain = (1 - self.w_min + 2 * (self.w_min - self.w_lb)) * (1 - easing)
+        return HistoryReach((1 - min(self.closeness)) * bounds_px, gain)

@@ -1,0 +1,311 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from strategies import rotation_vectors
+
+from hmdjit import frame as frames
+from hmdjit.camera import Camera, Region
+from hmdjit.frame import Displacement, Frame, History, Motion, Texture
+
+WIDTH, HEIGHT, FOV_DEG = 10, 8, 90.0
+CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)
+WHOLE = Region.whole(CAMERA)
+TILE = Region(5, 2, 4, 3)
+TURN = np.array([0.05, -0.08, 0.11])  # moves pixels by up to 1.5 px
+
+read = jax.jit(lambda source, displacement: source.at(displacement))
+bounds = jax.jit(lambda displacement: displacement.bounds())
+px = jax.jit(lambda displacement: displacement.px())
+inside = jax.jit(lambda displacement: displacement.inside())
+
+
+def displaced(rotation, region=WHOLE, dtype=float, sample_px=None):
+    sample = None if sample_px is None else jnp.asarray(sample_px, dtype)
+    return Displacement(CAMERA, region, jnp.asarray(rotation, dtype), sample)
+
+
+def oracle_positions(rotation, region=WHOLE, sample_px=(0, 0)):
+    """Where each pixel's source lies in the camera frame, `(height, width, 2)`."""
+    x, y = np.moveaxis(centres(region) + sample_px, -1, 0)
+    xy = oracles.source_position(WIDTH, HEIGHT, FOV_DEG, rotation, x, y)
+    return np.moveaxis(xy, 0, -1)
+
+
+def centres(region):
+    x, y = np.meshgrid(np.arange(region.width), np.arange(region.height))
+    return np.stack([region.x0 + x + 0.5, region.y0 + y + 0.5], axis=-1)
+
+
+def baked(rng, oversampling, margin_px, dtype=float):
+    """A texture of noise."""
+    height, width = (oversampling * (n + 2 * margin_px) for n in (HEIGHT, WIDTH))
+    color, supersampled = rng.random((2, height, width, 3)).astype(dtype)
+    return Texture(
+        jnp.asarray(color), jnp.asarray(supersampled), oversampling, margin_px
+    )
+
+
+# --- motion ---
+
+
+def test_motion_of_a_session_agrees_with_scipy(rng):
+    rotations = Rotation.random(5, rng)
+    poses = jnp.asarray(rotations.as_quat(scalar_first=True))
+    motion = Motion.of(poses)
+    offsets = (rotations[0].inv() * rotations).as_rotvec()
+    increments = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
+    np.testing.assert_allclose(motion.offset, offsets, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(motion.increment[0], np.zeros(3))
+    np.testing.assert_allclose(motion.increment[1:], increments, rtol=0, atol=1e-14)
+
+
+def test_rebased_motion_keeps_recorded_increments_in_float32(rng):
+    steps = 1e-4 * rng.normal(size=(30, 3))
+    rotations = [Rotation.from_rotvec([1.0, -2.0, 0.5])]
+    for step in steps:
+        rotations.append(rotations[-1] * Rotation.from_rotvec(step))
+    poses = Rotation.concatenate(rotations).as_quat(scalar_first=True)
+    motion = frames.rebased_motion(poses, jnp.float32)
+    assert motion.offset.dtype == motion.increment.dtype == jnp.float32
+    np.testing.assert_array_equal(motion.offset[0], np.zeros(3))
+    # Half an ulp of offsets below 2e-3 rad, twice.
+    np.testing.assert_allclose(motion.increment[1:], steps, rtol=0, atol=2.5e-10)
+
+
+# --- displacement ---
+
+
+@given(rotation_vectors(largest_rad=0.4), st.booleans())
+def test_displacement_agrees_with_projection(rotation, is_tile):
+    region = TILE if is_tile else WHOLE
+    dx, dy = px(displaced(rotation, region))
+    expected = oracle_positions(rotation, region) - centres(region)
+    np.testing.assert_allclose(np.stack([dx, dy], -1), expected, rtol=0, atol=1e-11)
+
+
+def test_displacement_of_a_sample_is_told_from_the_pixel_centre():
+    sample = (0.25, -0.4)
+    dx, dy = px(displaced(TURN, sample_px=sample))
+    expected = oracle_positions(TURN, sample_px=sample) - centres(WHOLE)
+    np.testing.assert_allclose(np.stack([dx, dy], -1), expected, rtol=0, atol=1e-12)
+    dx, dy = px(displaced(np.zeros(3), sample_px=sample))
+    np.testing.assert_array_equal(dx, np.full((HEIGHT, WIDTH), 0.25))
+    np.testing.assert_array_equal(dy, np.full((HEIGHT, WIDTH), -0.4))
+
+
+@given(
+    rotation_vectors(largest_rad=0.6),
+    st.one_of(st.none(), st.tuples(*[st.floats(-1.5, 1.5)] * 2)),
+    st.sampled_from([WHOLE, TILE]),
+)
+def test_bounds_are_never_too_small(rotation, sample_px, region):
+    displacement = displaced(rotation, region, sample_px=sample_px)
+    largest = [jnp.abs(plane).max() for plane in px(displacement)]
+    assert (bounds(displacement) >= jnp.stack(largest)).all()
+
+
+@given(rotation_vectors(), st.booleans())
+def test_inside_agrees_with_projection(rotation, is_tile):
+    region = TILE if is_tile else WHOLE
+    positions = oracle_positions(rotation, region)
+    x, y = positions[..., 0], positions[..., 1]  # NaN behind the camera
+    expected = (x >= 0) & (x <= WIDTH) & (y >= 0) & (y <= HEIGHT)
+    # Rounding may decide what lies on the very border.
+    borders = [x, x - WIDTH, y, y - HEIGHT]
+    on_border = np.nanmin(np.abs(borders), axis=0, initial=1.0) < 1e-9
+    ours = np.asarray(inside(displaced(rotation, region)))
+    assert ((ours == expected) | on_border).all()
+
+
+def test_a_pixel_at_rest_is_inside_and_one_behind_or_unknown_is_not():
+    assert inside(displaced(np.zeros(3))).all()
+    assert not inside(displaced([0.0, np.pi, 0.0])).any()
+    assert not inside(displaced([0.0, np.nan, 0.0])).any()
+
+
+def test_a_tiles_edge_is_not_the_camera_frames_edge():
+    # Half a pixel to the right, out of the tile but within the frame.
+    half = np.array([0.0, -np.arctan(0.5 / (WIDTH / 2)), 0.0])
+    assert inside(displaced(half, Region(4, 4, 4, 4))).all()
+    assert not inside(displaced(2 * half, WHOLE)).all()
+
+
+# --- history ---
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("region", [WHOLE, TILE], ids=["whole", "tile"])
+def test_history_at_rest_is_exactly_what_was_kept(rng, region, dtype):
+    planes = jnp.asarray(rng.random((3, region.height, region.width)).astype(dtype))
+    history = History.of(planes)
+    np.testing.assert_array_equal(history.planes, planes)
+    kept = read(history, displaced(np.zeros(3), region, dtype))
+    assert kept.dtype == dtype
+    np.testing.assert_array_equal(kept, planes)
+
+
+@pytest.mark.parametrize("region", [WHOLE, TILE], ids=["whole", "tile"])
+@pytest.mark.parametrize(("dtype", "atol"), [(np.float64, 1e-13), (np.float32, 1e-5)])
+def test_history_agrees_with_the_oracle(rng, region, dtype, atol):
+    # Displacements of 2 px to a few roundings; in float32 also the turn's own: 1e-6 px.
+    turns = np.concatenate([[TURN], 0.1 * rng.normal(size=(2, 3))]).astype(dtype)
+    planes = rng.random((4, region.height, region.width)).astype(dtype)
+    picture = np.moveaxis(planes, 0, -1).astype(float)
+    for turn in turns:
+        ours = read(History.of(jnp.asarray(planes)), displaced(turn, region, dtype))
+        places = oracle_positions(turn, region) - [region.x0, region.y0]
+        expected = oracles.sample_all(oracles.bilinear, picture, places)
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=atol)
+
+
+def test_history_can_keep_any_channels(rng):
+    planes = jnp.asarray(rng.random((1, HEIGHT, WIDTH)))
+    assert read(History.of(planes), displaced(TURN)).shape == planes.shape
+
+
+# --- texture ---
+
+
+@pytest.mark.parametrize(("oversampling", "margin_px"), [(1, 0), (1, 3), (2, 2), (4, 1)])
+@pytest.mark.parametrize("region", [WHOLE, TILE], ids=["whole", "tile"])
+def test_texture_agrees_with_the_oracle(rng, oversampling, margin_px, region):
+    texture = baked(rng, oversampling, margin_px)
+    ours = read(texture, displaced(TURN, region))
+    places = oversampling * (oracle_positions(TURN, region) + margin_px)
+    picture = np.asarray(texture.color)
+    expected = oracles.sample_all(oracles.bilinear, picture, places)
+    # 20 px x 4 texels, a few roundings, slopes of at most 2.
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13)
+
+
+def test_texture_reads_its_reference_too(rng):
+    texture = baked(rng, 2, 2)
+    swapped = Texture(texture.supersampled, texture.color, 2, 2)
+    reference = texture.at(displaced(TURN), supersampled=True)
+    np.testing.assert_array_equal(reference, swapped.at(displaced(TURN)))
+
+
+def test_texture_at_rest_shows_odd_texels_exactly_and_even_ones_as_means(rng):
+    texture = baked(rng, 1, 3)
+    shown = np.moveaxis(np.asarray(texture.color), -1, 0)[:, 3:-3, 3:-3]
+    np.testing.assert_array_equal(read(texture, displaced(np.zeros(3))), shown)
+    texture = baked(rng, 2, 1)
+    blocks = np.moveaxis(np.asarray(texture.color), -1, 0)[:, 2:-2, 2:-2]
+    means = blocks.reshape(3, HEIGHT, 2, WIDTH, 2).mean(axis=(2, 4))
+    ours = read(texture, displaced(np.zeros(3)))
+    np.testing.assert_allclose(ours, means, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_tile_is_the_same_block_of_the_whole_frame(rng, dtype):
+    texture = baked(rng, 2, 3, dtype)
+    whole = read(texture, displaced(TURN, WHOLE, dtype))
+    tile = read(texture, displaced(TURN, TILE, dtype))
+    # Two programs may fuse differently: roundings of up to 40 texels.
+    np.testing.assert_allclose(
+        tile, whole[:, 2:5, 5:9], rtol=0, atol=40 * np.finfo(dtype).eps
+    )
+
+
+def test_a_margin_shows_what_the_head_turned_to(rng):
+    texture = baked(rng, 1, 3)
+    # The ray of the centre turned onto that of 3 px above: row 0 shows row -3.
+    up = displaced([np.arctan(3 / (WIDTH / 2)), 0.0, 0.0])
+    places = oracle_positions([np.arctan(3 / (WIDTH / 2)), 0.0, 0.0]) + 3
+    assert places[..., 1].min() < 3.5 - 3
+    picture = np.asarray(texture.color)
+    expected = oracles.sample_all(oracles.bilinear, picture, places)
+    np.testing.assert_allclose(read(texture, up), expected, rtol=0, atol=1e-13)
+
+
+def test_one_compilation_serves_all_tiles(rng):
+    @eqx.debug.assert_max_traces(max_traces=1)
+    def shown(texture, displacement):
+        return texture.at(displacement)
+
+    compiled = jax.jit(shown)
+    texture = baked(rng, 2, 1)
+    for origin in [(0, 0), (3, 4), (6, 1)]:
+        compiled(texture, displaced(TURN, Region(*origin, 4, 4)))
+
+
+# --- any source ---
+
+
+def sources(rng):
+    history = History.of(jnp.asarray(rng.random((3, HEIGHT, WIDTH))))
+    return [history, baked(rng, 2, 2)]
+
+
+def test_a_displacement_that_is_not_a_number_gives_nan(rng):
+    for source in sources(rng):
+        shown = read(source, displaced([0.0, np.nan, 0.0]))
+        assert shown.shape == (3, HEIGHT, WIDTH)
+        assert jnp.isnan(shown).all()
+
+
+def test_what_lies_behind_the_camera_is_still_a_colour(rng):
+    for source in sources(rng):
+        shown = read(source, displaced([0.0, 2.0, 0.0]))
+        assert jnp.isfinite(shown).all()
+
+
+def test_vmap_over_rotations_is_a_loop(rng):
+    turns = jnp.asarray(0.1 * rng.normal(size=(3, 3)))
+    for source in sources(rng):
+        batch = jax.vmap(lambda r, s=source: s.at(Displacement(CAMERA, WHOLE, r)))
+        one_by_one = [read(source, displaced(turn)) for turn in turns]
+        np.testing.assert_allclose(batch(turns), one_by_one, rtol=0, atol=1e-13)
+
+
+def weighted_sum(rotation, source, weight):
+    return (weight * source.at(Displacement(CAMERA, WHOLE, rotation))).sum()
+
+
+value = jax.jit(weighted_sum)
+gradient = jax.jit(jax.grad(weighted_sum))
+
+
+def test_gradient_in_the_rotation_agrees_with_differences(rng):
+    weight = jnp.asarray(rng.normal(size=(3, HEIGHT, WIDTH)))
+    for source in sources(rng):
+        at = lambda r, s=source: value(jnp.asarray(r), s, weight)
+        # A step of 1e-7 rad moves pixels by 1e-6 px: none crosses a texel's centre,
+        # where the slope jumps. Sums of 500 terms round to 1e-14: 1e-7 of the slope.
+        differences = oracles.jacobian(at, TURN, step=1e-7)
+        ours = gradient(jnp.asarray(TURN), source, weight)
+        np.testing.assert_allclose(ours, differences, rtol=1e-5)
+
+
+def test_gradient_at_rest_is_exact_for_an_affine_picture():
+    x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    history = History.of(jnp.asarray((0.02 * x + 0.03 * y)[None]))
+    interior = np.zeros((1, HEIGHT, WIDTH))
+    interior[:, 1:-1, 1:-1] = 1.0
+    at = lambda r: value(jnp.asarray(r), history, jnp.asarray(interior))
+    ours = gradient(jnp.zeros(3), history, jnp.asarray(interior))
+    # Central differences: the third derivative, about the first, times 1e-10.
+    expected = oracles.jacobian(at, np.zeros(3))
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-8)
+
+
+def test_gradient_at_rest_is_finite_for_any_picture(rng):
+    weight = jnp.asarray(rng.normal(size=(3, HEIGHT, WIDTH)))
+    for source in sources(rng):
+        assert jnp.isfinite(gradient(jnp.zeros(3), source, weight)).all()
+
+
+# --- frame ---
+
+
+def test_a_frame_says_where_its_pixels_sources_lie():
+    frame = Frame(jnp.zeros((1, 3, TILE.height, TILE.width)), CAMERA, TILE)
+    assert frame.static_mask is None
+    ours = px(frame.displacement(jnp.asarray(TURN)))
+    np.testing.assert_array_equal(ours, px(displaced(TURN, TILE)))

@@ -1,0 +1,258 @@
+import functools
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
+
+from hmdjit import resampling
+
+READERS = {
+    "nearest": (resampling.nearest, oracles.nearest),
+    "bilinear": (resampling.bilinear, oracles.bilinear),
+    "catmull_rom": (resampling.catmull_rom, oracles.catmull_rom),
+}
+HEIGHT, WIDTH = 6, 8
+each_reader = pytest.mark.parametrize("name", READERS)
+
+
+@pytest.fixture
+def texels(rng):
+    return jnp.asarray(rng.random((HEIGHT, WIDTH, 3)))
+
+
+def grid(width=WIDTH, height=HEIGHT):
+    """Column and row of every texel, as int32 that broadcast."""
+    column = jnp.arange(width, dtype=jnp.int32)[None, :]
+    return column, jnp.arange(height, dtype=jnp.int32)[:, None]
+
+
+def read(name, texels, dx, dy):
+    """Read the whole picture, each texel displaced by `(dx, dy)`."""
+    planes = (jnp.broadcast_to(jnp.asarray(d), (HEIGHT, WIDTH)) for d in (dx, dy))
+    return READERS[name][0](texels, *grid(), *(p.astype(texels.dtype) for p in planes))
+
+
+def positions(dx, dy):
+    """Where `read` reads, `(HEIGHT, WIDTH, 2)`, texel centres at half integers."""
+    column, row = (np.asarray(index) for index in grid())
+    x = np.broadcast_to(column + 0.5 + dx, (HEIGHT, WIDTH))
+    y = np.broadcast_to(row + 0.5 + dy, (HEIGHT, WIDTH))
+    return np.stack([x, y], axis=-1)
+
+
+# --- independent oracles ---
+
+
+@each_reader
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("reach", [0.4, 3.0, 30.0])
+def test_readers_agree_with_numpy(name, dtype, reach, rng, texels):
+    # Up to 30 texels: far beyond the border too.
+    dx, dy = rng.uniform(-reach, reach, (2, HEIGHT, WIDTH)).astype(dtype)
+    texels = texels.astype(dtype)
+    ours = read(name, texels, dx, dy)
+    assert ours.dtype == dtype
+    oracle = READERS[name][1]
+    places = positions(dx.astype(float), dy.astype(float))
+    expected = oracles.sample_all(oracle, np.asarray(texels, float), places)
+    # A displacement keeps its fraction to eps x reach; slopes are below 2 per texel.
+    atol = 8 * np.finfo(dtype).eps * max(1.0, reach)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=atol)
+
+
+@each_reader
+def test_readers_agree_with_numpy_however_they_are_called(name, variant, rng, texels):
+    dx, dy = jnp.asarray(rng.uniform(-2, 2, (2, HEIGHT, WIDTH)))
+    reader, oracle = READERS[name]
+    column, row = grid()
+    ours = variant(reader)(texels, column, row, dx, dy)
+    places = positions(np.asarray(dx), np.asarray(dy))
+    # In a batch of `variant` the first run reads zeros at zeros, the second is ours.
+    expected = oracles.sample_all(oracle, np.asarray(texels), places)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("name", "order"), [("nearest", 0), ("bilinear", 1)])
+def test_readers_agree_with_scipy(name, order, rng, texels):
+    dx, dy = rng.uniform(-4, 4, (2, HEIGHT, WIDTH))
+    x, y = np.moveaxis(positions(dx, dy), -1, 0) - 0.5
+    planes = np.moveaxis(np.asarray(texels), -1, 0)
+    oracle = [map_coordinates(p, [y, x], order=order, mode="nearest") for p in planes]
+    np.testing.assert_allclose(read(name, texels, dx, dy), oracle, rtol=0, atol=1e-14)
+
+
+def test_bilinear_agrees_with_opencv(rng, texels):
+    # OpenCV rounds fractions to 1/32: give it fractions that it can hold.
+    dx, dy = rng.integers(-128, 129, (2, HEIGHT, WIDTH)) / 32
+    x, y = np.moveaxis(positions(dx, dy), -1, 0).astype(np.float32) - 0.5
+    picture = np.array(texels)
+    oracle = cv2.remap(
+        picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    ours = np.moveaxis(np.asarray(read("bilinear", texels, dx, dy)), 0, -1)
+    np.testing.assert_allclose(ours, oracle, rtol=0, atol=1e-7)  # float32 weights
+
+
+@each_reader
+def test_a_block_may_differ_from_the_picture_in_shape(name, rng, texels):
+    column = jnp.array([[5, 6]], dtype=jnp.int32)
+    row = jnp.array([[1], [2], [3]], dtype=jnp.int32)
+    dx, dy = jnp.asarray(rng.uniform(-1, 1, (2, 3, 2)))
+    reader, oracle = READERS[name]
+    block = reader(texels[..., :1], column, row, dx, dy)
+    assert block.shape == (1, 3, 2)
+    x = np.asarray(column) + 0.5 + np.asarray(dx)
+    y = np.asarray(row) + 0.5 + np.asarray(dy)
+    places = np.stack([x, y], axis=-1)
+    expected = oracles.sample_all(oracle, np.asarray(texels[..., :1]), places)
+    np.testing.assert_allclose(block, expected, rtol=0, atol=1e-14)
+
+
+# --- laws ---
+
+coefficients = st.floats(-1.0, 1.0)
+
+
+def coordinates():
+    column, row = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    return column.astype(float), row.astype(float)
+
+
+@given(st.tuples(*[coefficients] * 4), st.integers(0, 99))
+def test_bilinear_is_exact_for_affine_pictures(a, seed):
+    picture = lambda x, y: a[0] + a[1] * x + a[2] * y + a[3] * x * y
+    x, y = coordinates()
+    # Stay within the picture, where clamping does not bend it.
+    rng = np.random.default_rng(seed)
+    dx, dy = rng.uniform(-x, WIDTH - 1 - x), rng.uniform(-y, HEIGHT - 1 - y)
+    ours = read("bilinear", jnp.asarray(picture(x, y))[..., None], dx, dy)
+    # Values of at most 50, a dozen roundings.
+    np.testing.assert_allclose(ours[0], picture(x + dx, y + dy), rtol=0, atol=1e-13)
+
+
+@given(st.tuples(*[coefficients] * 9), st.integers(0, 99))
+def test_catmull_rom_is_exact_for_quadratic_pictures(a, seed):
+    def picture(x, y):
+        powers = [x**i * y**j for i in range(3) for j in range(3)]
+        return sum(factor * power for factor, power in zip(a, powers, strict=True))
+
+    x, y = coordinates()
+    rng = np.random.default_rng(seed)
+    dx, dy = rng.uniform(1 - x, WIDTH - 2 - x), rng.uniform(1 - y, HEIGHT - 2 - y)
+    ours = read("catmull_rom", jnp.asarray(picture(x, y))[..., None], dx, dy)
+    # Values of at most 3000, sixteen taps.
+    np.testing.assert_allclose(ours[0], picture(x + dx, y + dy), rtol=0, atol=1e-11)
+
+
+@each_reader
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_no_displacement_is_exactly_the_picture(name, dtype, texels):
+    texels = texels.astype(dtype)
+    ours = read(name, texels, 0.0, 0.0)
+    np.testing.assert_array_equal(ours, jnp.moveaxis(texels, -1, 0))
+
+
+@each_reader
+@pytest.mark.parametrize("shift", [(1, 0), (0, -2), (3, 2), (-20, 50), (10**6, -(10**6))])
+def test_whole_texels_are_exact_shifts_that_clamp_at_the_border(name, shift, texels):
+    ours = read(name, texels, float(shift[0]), float(shift[1]))
+    column, row = (np.asarray(index) for index in grid())
+    column = np.clip(column + shift[0], 0, WIDTH - 1)
+    row = np.clip(row + shift[1], 0, HEIGHT - 1)
+    np.testing.assert_array_equal(ours, np.moveaxis(np.asarray(texels)[row, column], -1, 0))
+
+
+@each_reader
+@pytest.mark.parametrize("far", [1e9, 3e9, 1e30])
+def test_positions_however_far_clamp_to_their_own_side(name, far, texels):
+    right = read(name, texels, far, 0.0)
+    expected = np.broadcast_to(np.moveaxis(texels, -1, 0)[..., -1:], right.shape)
+    np.testing.assert_array_equal(right, expected)
+    up = read(name, texels, 0.0, -far)
+    expected = np.broadcast_to(np.moveaxis(texels, -1, 0)[:, :1], up.shape)
+    np.testing.assert_array_equal(up, expected)
+
+
+@each_reader
+def test_weights_sum_to_one(name, rng):
+    dx, dy = rng.uniform(-9, 9, (2, HEIGHT, WIDTH))
+    ours = read(name, jnp.ones((HEIGHT, WIDTH, 1)), dx, dy)
+    np.testing.assert_allclose(ours, 1.0, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["nearest", "bilinear"])
+def test_a_mean_stays_between_its_texels(name, rng, texels):
+    dx, dy = rng.uniform(-9, 9, (2, HEIGHT, WIDTH))
+    ours = read(name, texels, dx, dy)
+    assert (ours >= texels.min() - 1e-15).all()
+    assert (ours <= texels.max() + 1e-15).all()
+
+
+def test_nearest_goes_right_and_down_on_a_tie(texels):
+    planes = np.moveaxis(texels, -1, 0)
+    ours = read("nearest", texels, 0.5, 0.5)
+    np.testing.assert_array_equal(ours[:, :-1, :-1], planes[:, 1:, 1:])
+    ours = read("nearest", texels, -0.5, -0.5)
+    np.testing.assert_array_equal(ours, planes)
+
+
+@pytest.mark.parametrize("name", ["bilinear", "catmull_rom"])
+def test_readers_are_continuous_where_a_centre_is_hit(name, texels):
+    tiny = 1e-12
+    before, after = read(name, texels, 1 - tiny, -tiny), read(name, texels, 1.0, 0.0)
+    np.testing.assert_allclose(before, after, rtol=0, atol=4 * tiny)
+
+
+# --- gradients ---
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def slopes(name, texels, dx, dy):
+    """Derivative of every value in its own displacement, `(2, 3, HEIGHT, WIDTH)`."""
+    zero, one = jnp.zeros((HEIGHT, WIDTH)), jnp.ones((HEIGHT, WIDTH))
+    reader = lambda x, y: read(name, texels, x, y)
+    along = lambda *tangent: jax.jvp(reader, (zero + dx, zero + dy), tangent)[1]
+    return jax.vmap(along)(jnp.stack([one, zero]), jnp.stack([zero, one]))
+
+
+@each_reader
+def test_slopes_agree_with_differences(name, rng, texels):
+    # At least 1e-3 from a texel's centre or border, where the slopes jump.
+    whole = rng.integers(-1, 2, (2, HEIGHT, WIDTH))
+    dx, dy = whole + 0.499 * rng.uniform(0.01, 0.99, (2, HEIGHT, WIDTH))
+    step = 1e-6
+    x = read(name, texels, dx + step, dy) - read(name, texels, dx - step, dy)
+    y = read(name, texels, dx, dy + step) - read(name, texels, dx, dy - step)
+    differences = np.stack([x, y]) / (2 * step)
+    ours = slopes(name, texels, jnp.asarray(dx), jnp.asarray(dy))
+    np.testing.assert_allclose(ours, differences, rtol=0, atol=1e-8)
+
+
+def test_slopes_where_a_centre_is_hit_exactly(texels):
+    planes = np.moveaxis(np.asarray(texels), -1, 0)
+    x, y = slopes("bilinear", texels, 0.0, 0.0)  # the one to the right
+    np.testing.assert_array_equal(x[..., :-1], np.diff(planes, axis=2))
+    np.testing.assert_array_equal(y[:, :-1], np.diff(planes, axis=1))
+    np.testing.assert_array_equal(x[..., -1], 0.0)
+    x, y = slopes("catmull_rom", texels, 0.0, 0.0)  # the central difference
+    middle = (planes[..., 2:] - planes[..., :-2]) / 2
+    np.testing.assert_allclose(x[..., 1:-1], middle, rtol=0, atol=1e-15)
+    assert jnp.isfinite(y).all()
+
+
+@each_reader
+def test_gradients_in_the_picture_are_the_weights(name, rng, texels):
+    dx, dy = rng.uniform(-2, 2, (2, HEIGHT, WIDTH))
+    direction = jnp.asarray(rng.normal(size=texels.shape))
+    weight = jnp.asarray(rng.normal(size=(3, HEIGHT, WIDTH)))
+    total = lambda t: (weight * read(name, t, dx, dy)).sum()
+    gradient = jax.jit(jax.grad(total))(texels)
+    # Reading is linear in the picture, so the gradient says what a change does.
+    expected = (weight * read(name, direction, dx, dy)).sum()
+    np.testing.assert_allclose((gradient * direction).sum(), expected, rtol=1e-12)
