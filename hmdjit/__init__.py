@@ -1,4 +1,4 @@
-"""hmdjit: how much does the picture flicker when a head tries to hold still?
+"""hmdjit: how much the picture flickers when a head tries to hold still.
 
 Simulates viewing sessions of a magnified picture in a VR headset, applies anti-aliasing
 techniques to them, and reports how much each flickers, how much detail it costs, and

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import jax
+from jax.core import Tracer
 
 
 def number(value: Any) -> Any:
@@ -22,7 +23,7 @@ def number(value: Any) -> Any:
 
 def is_traced(value: Any) -> bool:
     """Whether a value is not known yet because a program is being traced."""
-    return isinstance(value, jax.core.Tracer)
+    return isinstance(value, Tracer)
 
 
 def in_range(

@@ -15,12 +15,15 @@ from ._types import Mask, Numbers, Plane, Rgb, Scalar
 def past_color(samples: Sequence[Rgb], weights: Sequence[Scalar]) -> Rgb:
     """Weighted sum of the past samples; the weights sum to 1.
 
+    Written as differences from the last sample, which is exact where all are equal.
+
     **Source:** Kim et al., equation (2), on displayed pictures: the text and equation
     (3) accumulate recursively, the printed C_k is a slip.
     """
-    total = weights[0] * samples[0]
-    for weight, sample in zip(weights[1:], samples[1:], strict=True):
-        total = total + weight * sample
+    last = samples[-1]
+    total = last
+    for weight, sample in zip(weights[:-1], samples[:-1], strict=True):
+        total = total + weight * (sample - last)
     return total
 
 
@@ -36,9 +39,7 @@ def ease(head_speed_deg_s: Numbers | Scalar, h_max_deg_s: Scalar) -> Numbers:
     return jnp.sin(jnp.pi / 2 * share) ** 4
 
 
-def color_difference(
-    current: Rgb, history: Rgb, *, kind: str = "euclidean"
-) -> Plane:
+def color_difference(current: Rgb, history: Rgb, *, kind: str = "euclidean") -> Plane:
     """How much two pictures differ, in `[0, 1]` per pixel.
 
     **Arguments:** `kind`: `"euclidean"`, the RGB distance over its maximum sqrt(3), or
@@ -79,14 +80,20 @@ def current_weight(minimum: Numbers, ease_of_speed: Numbers) -> Numbers:
     return 1 - (1 - minimum) * (1 - ease_of_speed)
 
 
-def blend(current: Rgb, history: Rgb, weight: Numbers, is_blended: Mask) -> Rgb:
-    """Displayed picture `A C + (1 - A) H` where blended, else the current one.
+def usable(history: Rgb, current: Rgb, is_blended: Mask) -> Rgb:
+    """Return the history where it is blended, elsewhere the current picture.
+
+    Outside the past frame, and on dynamic objects, the current picture is shown. A NaN
+    that lies there then enters neither weights nor gradients, as 0 x NaN would.
+    """
+    return jnp.where(is_blended[None], history, current)
+
+
+def blend(current: Rgb, history: Rgb, weight: Plane) -> Rgb:
+    """Return the displayed picture `A C + (1 - A) H`.
 
     Written as `C + (1 - A) (H - C)`, which is exactly C at A = 1 and at H = C.
 
-    **Source:** Kim et al., equation (3). Outside the past frame, and on dynamic
-    objects, the current picture is shown.
+    **Source:** Kim et al., equation (3).
     """
-    # A NaN that lies outside must not enter through 0 x NaN, nor through gradients.
-    history = jnp.where(is_blended, history, current)
-    return current + (1 - weight) * (history - current)
+    return current + (1 - weight)[None] * (history - current)

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import rich.console
@@ -14,30 +14,48 @@ import rich.progress
 import tyro
 
 from . import metrics, scenes, simulation, techniques
+from ._files import written_atomically
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
 from .studies import definition, report
-from .studies.batches import atomic_file
 from .studies.monte_carlo import FailedSessionsError, Progress, Study
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-@dataclasses.dataclass(frozen=True)
-class StudyCommand:
-    """Simulate viewing sessions and report how much each technique flickers.
+def _study_fields() -> list[tuple[str, Any, Any]]:
+    """List the options of a study as the command line presents them."""
+    definition_file = Annotated[
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(
+            metavar="[STUDY.toml]",
+            help="File with any of the options below as keys.",
+            help_behavior_hint="",
+        ),
+    ]
+    fields = [("definition", definition_file, dataclasses.field(default=None))]
+    for field in dataclasses.fields(definition.Options):
+        shown = tyro.conf.arg(
+            help=field.metadata["help"],
+            metavar=field.metadata["metavar"] or None,
+            help_behavior_hint="",
+        )
+        kind = Annotated[field.type, shown]
+        if field.type is bool:
+            kind = tyro.conf.FlagCreatePairsOff[kind]
+        fields.append((field.name, kind, dataclasses.field(default=field.default)))
+    return fields
 
-    Needs no arguments: eleven scenes, no anti-aliasing, MSAA 4x and head movement (with
-    the freeze control and the SSAA reference), 500 sessions of a seated person. An
-    interrupted study goes on where it stopped when it is run again.
-    """
 
-    options: tyro.conf.OmitArgPrefixes[definition.Options] = dataclasses.field(
-        default_factory=definition.Options
-    )
-    study: tyro.conf.Positional[Path | None] = None
-    """STUDY.toml with any of the options below as keys."""
+StudyCommand = dataclasses.make_dataclass("StudyCommand", _study_fields(), frozen=True)
+StudyCommand.__doc__ = """Simulate viewing sessions; report how much each technique
+flickers.
+
+Needs no arguments: eleven scenes, 500 sessions of a seated person, no anti-aliasing,
+MSAA 4x and head movement, the frozen picture as a control and SSAA as the reference. An
+interrupted study goes on where it stopped when the same command is run again.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,9 +91,6 @@ def run(arguments: Sequence[str]) -> int:
             "How much does the picture flicker when a head tries to hold still?"
         ),
         args=list(arguments),
-        config=(tyro.conf.UsePythonSyntaxForLiteralCollections,)
-        if hasattr(tyro.conf, "UsePythonSyntaxForLiteralCollections")
-        else (),
     )
     console = rich.console.Console()
     try:
@@ -106,11 +121,15 @@ def _make_folder(path: Path) -> Path:
     return path
 
 
-def _study(command: StudyCommand, console: rich.console.Console) -> int:
+def _study(command: Any, console: rich.console.Console) -> int:
+    said = {
+        field.name: getattr(command, field.name)
+        for field in dataclasses.fields(definition.Options)
+    }
     options, head_movement = definition.Options(), {}
-    if command.study is not None:
-        options, head_movement = definition.read_toml(command.study)
-    options = definition.merged(options, command.options)
+    if command.definition is not None:
+        options, head_movement = definition.read_toml(command.definition)
+    options = definition.merged(options, definition.Options(**said))
     study = definition.build(options, head_movement)
     out = _make_folder(options.out or Path("hmdjit-study"))
 
@@ -129,12 +148,12 @@ def _study(command: StudyCommand, console: rich.console.Console) -> int:
             dataset = study.run(options.seed or 0, out=out, progress=bar)
     except KeyboardInterrupt:
         console.print(
-            "\nStopped. Finished batches are kept: run the same command again to go on.",
+            "\nStopped. Finished batches are kept: run the same command to go on.",
             highlight=False,
         )
         return INTERRUPTED
     written = report.write_report(dataset, out)
-    report.print_table(dataset, console)
+    report.print_table(dataset, console=console)
     console.print(f"Wrote {out / 'result.nc'}, " + ", ".join(map(str, written)) + ".")
     return OK
 
@@ -256,5 +275,5 @@ def _write_png(path: Path, picture: np.ndarray) -> None:
     import PIL.Image
 
     codes = np.floor(CODE_VALUES * np.clip(picture, 0, 1) + 0.5).astype(np.uint8)
-    with atomic_file(path) as file:
-        PIL.Image.fromarray(codes).save(file, format="PNG")
+    with written_atomically(path) as unfinished:
+        PIL.Image.fromarray(codes).save(unfinished, format="PNG")

@@ -41,7 +41,7 @@ def decode(gamma: Numbers) -> Numbers:
 
 
 @jax.jit
-def luma(rgb: Float[Array, "3 *size"]) -> Float[Array, "*size"]:
+def luma(rgb: Float[Array, "rgb=3 *size"]) -> Float[Array, " *size"]:
     """Rec. 709 luma of gamma colours (luminance, of linear ones); `(3, ...)` -> `...`.
 
     **Source:** ITU-R BT.709-6, table 3.2: 0.2126 R + 0.7152 G + 0.0722 B.

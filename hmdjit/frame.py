@@ -1,9 +1,9 @@
 """What passes from stage to stage: motion, displacements, sources and frames.
 
-History and texture are *sources*: they are read only through `source.at(displacement)`,
-which says where a pixel's source lies relative to the pixel's own centre. That keeps the
-digits that a position near 1000 px would lose, and leaves storage and taps to the source:
-a faster source changes no technique.
+History and texture are *sources*: they are read only through
+`source.at(displacement)`, which says where a pixel's source lies relative to the
+pixel's own centre. That keeps the digits that a position near 1000 px would lose, and
+leaves storage and taps to the source: a faster source changes no technique.
 """
 
 import equinox as eqx
@@ -64,7 +64,7 @@ class Displacement(eqx.Module):
         return x, y
 
     def px(self) -> tuple[Plane, Plane]:
-        """Source position relative to each pixel's centre, px, two `(height, width)`."""
+        """Source position from each pixel's centre, px, two `(height, width)`."""
         dx, dy, _ = pinhole.displacement(self.camera, self.rotation, *self._positions())
         if self.sample_px is not None:
             dx, dy = dx + self.sample_px[0], dy + self.sample_px[1]
@@ -133,9 +133,7 @@ class Texture(eqx.Module):
     oversampling: int = eqx.field(static=True)
     margin_px: int = eqx.field(static=True)
 
-    def at(
-        self, displacement: Displacement, *, supersampled: bool = False
-    ) -> Rgb:
+    def at(self, displacement: Displacement, *, supersampled: bool = False) -> Rgb:
         """Colour, `(3, height, width)`, or the reference, where each source lies."""
         scale = self.oversampling
         region = displacement.region
@@ -189,9 +187,7 @@ class Frame(eqx.Module):
         return Displacement(self.camera, self.region, rotation)
 
 
-def rebased_motion(
-    poses: Float[np.ndarray, "frames 4"], dtype: DTypeLike
-) -> Motion:
+def rebased_motion(poses: Float[np.ndarray, "frames 4"], dtype: DTypeLike) -> Motion:
     """Motion of recorded poses, re-based to the first in float64 before rounding.
 
     **Arguments:** `poses`: `world_from_head`, shape `(frames, 4)`; `dtype`: of the
@@ -199,4 +195,3 @@ def rebased_motion(
     """
     near_identity = quaternion.rebase(np.asarray(poses, np.float64))
     return Motion.of(jnp.asarray(near_identity, dtype))
-

@@ -1,10 +1,10 @@
 """Reading a picture between its pixels: nearest, bilinear, Catmull-Rom.
 
-All three read *texels*, a picture stored as `(height, width, channels)` rows so that one
-gather fetches all channels, at the centre of texel `(column, row)` moved by `(dx, dy)`
-texels. The displacement stays apart from the position because their sum, near 1000,
-would lose the digits that matter. Positions beyond the border clamp to it. The result is
-planes, `(channels, height, width)`.
+All three read *texels*, a picture stored as `(height, width, channels)` rows so that
+one gather fetches all channels, at the centre of texel `(column, row)` moved by
+`(dx, dy)` texels. The displacement stays apart from the position because their sum,
+near 1000, would lose the digits that matter. Positions beyond the border clamp to it.
+The result is planes, `(channels, height, width)`.
 """
 
 from typing import NamedTuple
@@ -15,12 +15,12 @@ from jaxtyping import Array, Float
 
 from ._types import Numbers
 
-# Not "height width": these are the stored picture's, which the region read differs from.
+# Not "height width": a stored picture may differ in shape from the region read.
 Texels = Float[Array, "rows columns channels"]
 
 
 class _Tap(NamedTuple):
-    index: Numbers
+    texel: Numbers
     fraction: Numbers
 
 
@@ -77,10 +77,10 @@ def bilinear(
     """
     x, y = _split(dx, column), _split(dy, row)
     u, v = x.fraction[..., None], y.fraction[..., None]
-    top_left = _fetch(texels, x.index, y.index)
-    top_right = _fetch(texels, x.index + 1, y.index)
-    low_left = _fetch(texels, x.index, y.index + 1)
-    low_right = _fetch(texels, x.index + 1, y.index + 1)
+    top_left = _fetch(texels, x.texel, y.texel)
+    top_right = _fetch(texels, x.texel + 1, y.texel)
+    low_left = _fetch(texels, x.texel, y.texel + 1)
+    low_right = _fetch(texels, x.texel + 1, y.texel + 1)
     top = top_left + u * (top_right - top_left)
     low = low_left + u * (low_right - low_left)
     return _to_planes(top + v * (low - top))
@@ -102,7 +102,7 @@ def catmull_rom(
     total = jnp.zeros((), texels.dtype)
     for j, weight_y in enumerate(_catmull_rom_weights(y.fraction), start=-1):
         for i, weight_x in enumerate(_catmull_rom_weights(x.fraction), start=-1):
-            tap = _fetch(texels, x.index + i, y.index + j)
+            tap = _fetch(texels, x.texel + i, y.texel + j)
             total = total + (weight_x * weight_y)[..., None] * tap
     return _to_planes(total)
 

@@ -1,7 +1,7 @@
 """Sub-pixel sample patterns: where in a pixel its samples lie.
 
-Each table is `(samples, 2)`: position `(x, y)` from the pixel centre, px, x to the right
-and y down. All are NumPy constants: patterns are part of a program's shape.
+Each table is `(samples, 2)`: position `(x, y)` from the pixel centre, px, x to the
+right and y down. All are NumPy constants: patterns are part of a program's shape.
 """
 
 import numpy as np
@@ -11,8 +11,8 @@ from . import _checks
 
 Pattern = Float[np.ndarray, "samples 2"]
 
-# Standard multisample patterns, 1/16 px. Source: Direct3D 11.3 functional specification,
-# section 19.2.4.1. The 4x pattern is the rotated grid (RGSS).
+# Standard multisample patterns, 1/16 px; the 4x pattern is the rotated grid (RGSS).
+# Source: Direct3D 11.3 functional specification, section 19.2.4.1.
 _MULTISAMPLE = {
     1: [(0, 0)],
     2: [(4, 4), (-4, -4)],
@@ -53,7 +53,7 @@ def ordered_grid(factor: int) -> Pattern:
 
 
 def radical_inverse(base: int, index: int, *, scrambled: bool = False) -> float:
-    """Mirror the digits of `index` at the point; with `scrambled`, digits d -> base - d.
+    """Mirror the digits of `index` at the point.
 
     `scrambled` permutes the non-zero digits to `base - d` (reverse radix): base 2 is
     unchanged, base 3 swaps 1 and 2.

@@ -4,6 +4,7 @@
 rendered elsewhere. No frame is stored by `simulate`.
 """
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -31,8 +32,8 @@ class Result(eqx.Module):
       reference of the same pose, code values squared.
     """
 
-    mtcd: Scalar
-    detail_loss: Scalar
+    mtcd: Float[Array | np.ndarray, "*sessions"]
+    detail_loss: Float[Array | np.ndarray, "*sessions"]
 
 
 def crop(planes: Planes, region: Region, block: Region) -> Planes:
@@ -144,7 +145,8 @@ def simulate(
       first is the hold pose. Concrete poses are re-based in float64; float32 is the
       precision of the simulation unless a JAX float64 array comes in.
     - `warmup`: displayed frames that are not measured; at least 0.
-    - `region`: the part of the camera frame; None is the whole. Its edges are treated as
+    - `region`: the part of the camera frame; None is the whole. Its edges are treated
+    as
       a picture's edges: history clamps there.
 
     **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin.
@@ -275,3 +277,46 @@ def apply(
     samples = jnp.moveaxis(frames, -1, 2)
     shown = _displayed(technique, camera, samples, motion, static_mask)
     return jnp.moveaxis(shown, 1, -1)
+
+
+@jax.jit
+def _first(technique: AbstractTechnique, frame: Frame) -> Any:
+    return technique.init(frame)
+
+
+@jax.jit
+def _next(
+    technique: AbstractTechnique, state: Any, frame: Frame, motion: Motion
+) -> tuple[Any, Rgb]:
+    return technique.step(state, frame, motion)
+
+
+def stream(
+    technique: AbstractTechnique,
+    camera: Camera,
+    frames: Iterable[Float[np.ndarray, "height width 3"]],
+    poses: Float[np.ndarray, "frames 4"],
+) -> Iterator[Float[np.ndarray, "height width 3"]]:
+    """Run a technique on frames that come one by one; `apply` for long clips.
+
+    **Arguments:** as `apply`; float32, one sample per pixel.
+
+    **Returns:** displayed gamma frames, one by one.
+
+    **Errors:** `ValueError` for a technique that needs several samples per pixel.
+    """
+    samples = technique.sample_offsets_px.shape[1]
+    if samples > 1:
+        raise ValueError(
+            f"frames must have {samples} samples per pixel for {technique.id}, got 1."
+        )
+    region = Region.whole(camera)
+    path = _motion(poses, jnp.dtype(jnp.float32))
+    state = None
+    for k, picture in enumerate(frames):
+        color = jnp.moveaxis(jnp.asarray(picture, jnp.float32), -1, 0)[None]
+        frame = Frame(color, camera, region)
+        state = _first(technique, frame) if k == 0 else state
+        now = jax.tree.map(lambda leaf, k=k: leaf[k], path)
+        state, shown = _next(technique, state, frame, now)
+        yield np.moveaxis(np.asarray(shown), 0, -1)

@@ -12,9 +12,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_debug_key_reuse", True)
-settings.register_profile(
-    "hmdjit", deadline=None, derandomize=True, max_examples=40
-)
+settings.register_profile("hmdjit", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("hmdjit")
 
 
@@ -30,7 +28,7 @@ def rng():
 
 @pytest.fixture
 def untyped():
-    """What users get: the tests' hook would refuse a wrong type before a check sees it."""
+    """What users get: the tests' hook would refuse a wrong type before a check."""
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)

@@ -63,7 +63,7 @@ def test_whole_refuses_the_rest(value):
 
 def test_one_of_suggests_the_nearest():
     _checks.one_of("space", "gamma", ["gamma", "linear"])
-    with pytest.raises(ValueError, match="gamma, linear, got 'gama'.*'gamma'"):
+    with pytest.raises(ValueError, match=r"gamma, linear, got 'gama'.*'gamma'"):
         _checks.one_of("space", "gama", ["gamma", "linear"])
     with pytest.raises(ValueError, match=r"got 'xyzzy'\.$"):
         _checks.one_of("space", "xyzzy", iter(["gamma", "linear"]))

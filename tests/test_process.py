@@ -1,3 +1,5 @@
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +9,7 @@ import pytest
 import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jax.random import clone
 from jax.test_util import check_grads
 
 from hmdjit import quaternion
@@ -31,10 +34,15 @@ def float32_of(tree):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
 
 
-def draw(head, key, rate_hz, frames, sessions):
-    """Rotation vectors in deg, shape (sessions, frames, 3)."""
+@partial(jax.jit, static_argnames=("frames", "sessions"))
+def draw_deg(head, key, rate_hz, frames, sessions):
     sample = lambda key: head.rotation_vectors(key, rate_hz, frames)
-    return np.degrees(jax.vmap(sample)(jax.random.split(key, sessions)))
+    return jnp.degrees(jax.vmap(sample)(jax.random.split(key, sessions)))
+
+
+def draw(head, key, rate_hz, frames=31, sessions=4000):
+    """Rotation vectors in deg, shape (sessions, frames, 3)."""
+    return np.asarray(draw_deg(head, clone(key), rate_hz, frames, sessions))
 
 
 def assert_covariance(left, right, variances, covariance):
@@ -93,8 +101,8 @@ def test_discretisation_is_exact_from_tiny_to_huge_steps(spring, dtype, rtol):
             float(drift[0, 0]) * -1, float(jnp.asarray(dt, dtype))
         )
         np.testing.assert_allclose(noise, exact_noise, rtol=rtol)
-        # What is forgotten by more than 1e-10 need not keep relative precision.
-        atol = 1e-10 * rtol
+        # What has been forgotten need not keep relative precision.
+        atol = 0.0 if dt <= 1 else rtol
         np.testing.assert_allclose(change, exact_change, rtol=rtol, atol=atol)
 
 
@@ -120,7 +128,7 @@ def test_discretisation_in_float32_agrees_with_float64(dt):
 
 
 @given(st.floats(-6, 3), st.floats(-6, 3))
-@settings(max_examples=30)
+@settings(max_examples=50)
 def test_two_steps_are_one_long_step(exponent, other_exponent):
     drift, diffusion = map(jnp.asarray, head_and_neck())
     first, second = 10.0**exponent, 10.0**other_exponent
@@ -128,7 +136,9 @@ def test_two_steps_are_one_long_step(exponent, other_exponent):
     later_change, later_noise = discretise(drift, diffusion, second)
     both_change, both_noise = discretise(drift, diffusion, first + second)
     later = jnp.eye(6) + later_change
-    assert jnp.allclose(both_change, change + later_change + later_change @ change)
+    np.testing.assert_allclose(
+        both_change, change + later_change + later_change @ change, atol=1e-12
+    )
     carried = later @ noise @ later.T
     scale = float(jnp.max(jnp.abs(both_noise)))
     np.testing.assert_allclose(
@@ -136,20 +146,20 @@ def test_two_steps_are_one_long_step(exponent, other_exponent):
     )
 
 
-@pytest.mark.parametrize("dt", [1e-3, 0.05, 0.7, 4.0])
-def test_gradients_of_the_discretisation_are_correct(dt):
-    arguments = tuple(jnp.asarray(m) for m in (*double_integrator(0.1), dt))
-    # Central differences with steps of 1e-6 err by about 1e-9.
-    check_grads(discretise, arguments, order=1, modes=("fwd", "rev"), rtol=1e-6)
+def test_gradients_of_the_discretisation_are_correct():
+    for dt in (1e-3, 0.05, 0.7, 4.0):
+        arguments = tuple(jnp.asarray(m) for m in (*double_integrator(0.1), dt))
+        # Central differences with steps of 6e-6 err by about 1e-10.
+        check_grads(discretise, arguments, 1, modes=("fwd", "rev"), rtol=1e-6)
 
 
-@pytest.mark.parametrize("dt", [0.0, 1e-9, 1e6])
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_gradients_of_the_discretisation_are_finite(dt, dtype):
-    arguments = [jnp.asarray(m, dtype) for m in (*double_integrator(0.1), dt)]
-    for jacobian in (jax.jacfwd, jax.jacrev):
-        jacobians = jacobian(discretise, argnums=(0, 1, 2))(*arguments)
-        assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(jacobians))
+def test_gradients_of_the_discretisation_are_finite(dtype):
+    drift, diffusion = (jnp.asarray(m, dtype) for m in double_integrator(0.1))
+    jacobians = jax.vmap(jax.jacrev(discretise, argnums=(0, 1, 2)), (None, None, 0))
+    steps = jnp.array([0.0, 1e-9, 1e6], dtype)
+    for leaf in jax.tree.leaves(jacobians(drift, diffusion, steps)):
+        assert jnp.isfinite(leaf).all()
 
 
 # --- the drawn process against its laws ---
@@ -157,7 +167,7 @@ def test_gradients_of_the_discretisation_are_finite(dt, dtype):
 
 @pytest.mark.parametrize("rate_hz", [60.0, 1000.0])
 def test_first_and_last_angle_are_stationary(median_person, key, rate_hz):
-    angle = draw(median_person, key, rate_hz, 40, 4000)
+    angle = draw(median_person, key, rate_hz)
     law = median_person.covariance(0.0) + np.square(median_person.tracker_noise_deg)
     for frame in (0, -1):
         assert_covariance(angle[:, frame], angle[:, frame], law**2, law)
@@ -166,8 +176,8 @@ def test_first_and_last_angle_are_stationary(median_person, key, rate_hz):
 @pytest.mark.parametrize("rate_hz", [60.0, 120.0])
 def test_the_same_process_at_every_rate(median_person, key, rate_hz):
     frames = round(0.1 * rate_hz)
-    angle = draw(median_person, key, rate_hz, frames + 1, 4000)
-    turned = angle[:, -1] - angle[:, 0]
+    angle = draw(median_person, key, rate_hz)
+    turned = angle[:, frames] - angle[:, 0]
     law = 2 * (median_person.covariance(0.0) - median_person.covariance(0.1))
     law = law + 2 * np.square(median_person.tracker_noise_deg)
     assert_covariance(turned, turned, law**2, law)
@@ -176,7 +186,7 @@ def test_the_same_process_at_every_rate(median_person, key, rate_hz):
 def test_drawn_angles_have_their_covariance(median_person, key):
     # A short return time, so that lags within a session tell spring and speed apart.
     head = eqx.tree_at(lambda h: h.return_time_s, median_person, 0.3)
-    angle = draw(head, key, 60.0, 31, 4000)
+    angle = draw(head, key, 60.0)
     variance = head.covariance(0.0) + np.square(head.tracker_noise_deg)
     for lag in (1, 5, 30):
         law = head.covariance(lag / 60)
@@ -184,7 +194,7 @@ def test_drawn_angles_have_their_covariance(median_person, key):
 
 
 def test_drawn_increments_have_their_covariance(median_person, key):
-    increments = np.diff(draw(median_person, key, 90.0, 12, 8000), axis=1)
+    increments = np.diff(draw(median_person, key, 90.0), axis=1)
     variance = median_person.increment_covariance(0, 90.0)
     for lag in (0, 1, 2, 10):
         law = median_person.increment_covariance(lag, 90.0)
@@ -192,13 +202,14 @@ def test_drawn_increments_have_their_covariance(median_person, key):
 
 
 def test_drawn_axes_are_independent(median_person, key):
-    increments = np.diff(draw(median_person, key, 90.0, 2, 8000), axis=1)[:, 0]
+    increments = np.diff(draw(median_person, key, 90.0), axis=1)[:, 0]
     variance = np.asarray(median_person.increment_covariance(0, 90.0))
     for axis, other in ((0, 1), (1, 2), (2, 0)):
         product = variance[axis] * variance[other]
         assert_covariance(increments[:, axis], increments[:, other], product, 0.0)
 
 
+@pytest.mark.slow
 def test_drawn_speeds_have_their_spectrum(median_person, key):
     frames, sessions, rate_hz = 1025, 200, 90.0
     angle = draw(median_person, key, rate_hz, frames, sessions)
@@ -208,7 +219,8 @@ def test_drawn_speeds_have_their_spectrum(median_person, key):
     density = 2 * power / (rate_hz * np.sum(window**2))
     frequency_hz = np.fft.rfftfreq(frames - 1, 1 / rate_hz)
     law = median_person.sampled_velocity_spectrum(frequency_hz, rate_hz)
-    relative = density / np.asarray(law)[None]
+    relative = density[:, 1:] / np.asarray(law)[None, 1:]
+    frequency_hz = frequency_hz[1:]
     # Bands are many bins (0.09 Hz) wide, so the window's leakage is below 1e-3.
     for low_hz, high_hz in ((1, 3), (3, 8), (8, 20), (20, 44)):
         band = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
@@ -222,13 +234,11 @@ def test_persons_scale_all_axes_together_but_not_the_tracker(head, key):
     median = eqx.tree_at(lambda h: h.person_sd, head, 0.0)
     quiet = lambda h: eqx.tree_at(lambda h: h.tracker_noise_deg, h, (0.0, 0.0, 0.0))
     frozen = lambda h: eqx.tree_at(lambda h: h.speed_rms_deg_s, h, (0.0, 0.0, 0.0))
-    ratio = draw(quiet(head), key, 60.0, 3, 4000) / draw(
-        quiet(median), key, 60.0, 3, 4000
-    )
+    ratio = draw(quiet(head), key, 60.0) / draw(quiet(median), key, 60.0)
     scale = ratio[:, 0, 0]
-    np.testing.assert_allclose(ratio, np.tile(scale[:, None, None], (1, 3, 3)))
+    np.testing.assert_allclose(ratio, np.tile(scale[:, None, None], (1, 31, 3)))
     np.testing.assert_array_equal(
-        draw(frozen(head), key, 60.0, 3, 10), draw(frozen(median), key, 60.0, 3, 10)
+        draw(frozen(head), key, 60.0), draw(frozen(median), key, 60.0)
     )
     # Lognormal: the logarithm is normal, by its first four moments.
     z = np.log(scale) / 0.17
@@ -238,27 +248,31 @@ def test_persons_scale_all_axes_together_but_not_the_tracker(head, key):
     np.testing.assert_allclose(head.person_power, np.exp(2 * 0.17**2), rtol=1e-15)
 
 
-def test_seated_heads_have_the_speeds_that_were_recorded(head, key):
-    poses = jax.vmap(lambda k: head.sample(k, 90.0, 91))(jax.random.split(key, 1500))
-    increments = jax.vmap(quaternion.increments)(poses)[:, 1:]
-    speed = np.degrees(np.linalg.norm(increments, axis=-1)) * 90
+def test_seated_heads_have_the_speeds_that_were_recorded(head, key, rng):
+    turned = np.diff(np.radians(draw(head, key, 90.0)), axis=1)
+    speed = np.degrees(np.linalg.norm(turned, axis=-1)) * 90
+    variance = np.asarray(head.increment_covariance(0, 90.0))
+    tracker = 2 * np.square(head.tracker_noise_deg)
+    law = head.person_power * np.sum(variance - tracker) + np.sum(tracker)
     # Within a second speeds are correlated: the sessions' spread bounds the error.
     power = np.mean(speed**2, axis=1)
-    law = np.sum(head.person_power * head.increment_covariance(0, 90.0)) * 90**2
-    tracker = 2 * np.sum(np.square(head.tracker_noise_deg)) * 90**2
-    law = law - (head.person_power - 1) * tracker
-    z = (np.mean(power) - law) / (np.std(power) / np.sqrt(len(power)))
+    z = (np.mean(power) - law * 90**2) / (np.std(power) / np.sqrt(len(power)))
     assert abs(z) < LARGEST_Z
-    # Recorded: RMS 1.8-2.0, median 1.35-1.5, 95th percentile 3.1-3.5; the published
-    # fit of this model 1.89, 1.5 and 3.4, to the digits printed.
-    assert np.sqrt(law) == pytest.approx(1.89, abs=0.02)
-    assert np.median(speed) == pytest.approx(1.5, abs=0.1)
-    assert np.quantile(speed, 0.95) == pytest.approx(3.4, abs=0.1)
-    rms_deg = head.increment_rms_deg(90.0)
-    assert 0.020 < rms_deg < 0.022
-    assert rms_deg == pytest.approx(
-        np.sqrt(np.sum(head.increment_covariance(0, 90.0))), rel=1e-14
-    )
+
+    # The law of one frame, drawn independently; both medians err by about 0.01.
+    persons = np.exp(0.17 * rng.normal(size=(100_000, 1)))
+    sd = np.sqrt(persons**2 * (variance - tracker) + tracker)
+    one_frame = np.linalg.norm(sd * rng.normal(size=sd.shape), axis=1) * 90
+    for share in (0.5, 0.95):
+        expected = np.quantile(one_frame, share)
+        assert np.quantile(speed, share) == pytest.approx(expected, abs=0.05)
+
+    # Recorded: RMS 1.8-2.0 and 95th percentile 3.1-3.5 deg/s, 0.020-0.022 deg per
+    # frame. The recorded median, 1.35-1.5, is below any Gaussian's of that RMS.
+    assert np.sqrt(law) * 90 == pytest.approx(1.89, abs=0.02)
+    assert 3.1 < np.quantile(one_frame, 0.95) < 3.5
+    assert 0.020 < head.increment_rms_deg(90.0) < 0.022
+    np.testing.assert_allclose(head.increment_rms_deg(90.0) ** 2, np.sum(variance))
 
 
 # --- the laws among themselves ---
@@ -327,7 +341,8 @@ def test_laws_in_float32_agree_with_float64(head):
     ):
         assert law(head).dtype == jnp.float32
         np.testing.assert_allclose(law(head), law(exact), rtol=1e-5)
-    ours, oracle = (h.increment_covariance(lags, 1000.0) for h in (head, exact))
+    ours = np.asarray(head.increment_covariance(lags, 1000.0))
+    oracle = np.asarray(exact.increment_covariance(lags, 1000.0))
     variance = np.max(np.abs(oracle), axis=0)
     assert np.all(np.abs(ours - oracle) < 1e-5 * variance)
 
@@ -336,40 +351,47 @@ def test_laws_in_float32_agree_with_float64(head):
 
 
 def test_float32_poses_keep_the_increments(head, key):
-    path = head.rotation_vectors(key, 1000.0, 2000, dtype=jnp.float32)
+    path = head.rotation_vectors(clone(key), 1000.0, 2000, dtype=jnp.float32)
     poses = head.sample(key, 1000.0, 2000, dtype=jnp.float32)
     exact = jax.vmap(quaternion.exp)(jnp.asarray(path, jnp.float64))
-    error = quaternion.increments(poses) - quaternion.increments(exact)
-    # Vector parts below 2^-5 round to 2^-30 = 9e-10, each twice, doubled by log.
+    kept = np.asarray(quaternion.increments(poses))
+    error = kept - np.asarray(quaternion.increments(exact))
+    # Vector parts below 2^-5 round by up to 2^-30 = 9e-10, in 8 places, doubled by log;
+    # evenly spread, that is 9e-10 / sqrt(3) each.
     assert np.max(np.abs(path)) < 2**-4
-    assert np.max(np.abs(error)) < 4e-9
+    assert np.max(np.abs(error)) < 16 * 2**-30
+    assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(8 / 3) * 2**-30
 
 
 def test_float32_sampling_keeps_the_law_at_1000_hz(median_person, key):
     head = eqx.tree_at(lambda h: h.tracker_noise_deg, median_person, (0.0,) * 3)
     head = float32_of(head)
-    increments = np.diff(draw(head, key, 1000.0, 5, 8000), axis=1)[:, -1]
-    law = HeadMotion(**vars(head)).increment_covariance(0, 1000.0)
-    law = np.asarray(law, float)
+    angle = draw(head, key, 1000.0)
+    assert angle.dtype == np.float32
+    increments = np.diff(angle.astype(float), axis=1)[:, -1]
+    law = np.asarray(head.increment_covariance(0, 1000.0), float)
     assert_covariance(increments, increments, law**2, law)
 
 
 def test_sessions_depend_on_their_key_alone(head, key):
     keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(jnp.arange(4))
-    sample = lambda k: head.sample(k, 60.0, 8)
-    mapped = jax.lax.map(sample, keys)
-    for i in range(4):
-        alone = sample(jax.random.fold_in(key, i))
-        np.testing.assert_array_equal(mapped[i], alone)
-        np.testing.assert_allclose(jax.vmap(sample)(keys)[i], alone, atol=1e-15)
-    assert np.unique(np.asarray(mapped)[:, 0, 1]).size == 4
-    np.testing.assert_allclose(jnp.linalg.norm(mapped, axis=-1), 1.0, rtol=1e-14)
+    sample = lambda key: head.sample(key, 60.0, 8)
+    batch = jax.lax.map(sample, clone(keys))
+    np.testing.assert_array_equal(jax.lax.map(sample, clone(keys[1:3])), batch[1:3])
+    # Another program may round elsewhere: some eps of 8 frames near 1.
+    alone = sample(jax.random.fold_in(clone(key), 3))
+    np.testing.assert_allclose(alone, batch[3], atol=1e-14)
+    assert np.unique(np.asarray(batch)[:, 0, 1]).size == 4
+    np.testing.assert_allclose(jnp.linalg.norm(batch, axis=-1), 1.0, rtol=1e-14)
 
 
 def test_dtype_follows_the_model_or_the_caller(head, key):
-    assert head.sample(key, 60.0, 2).dtype == jnp.result_type(float)
-    assert float32_of(head).sample(key, 60.0, 2).dtype == jnp.float32
-    assert head.sample(key, 60.0, 2, dtype=jnp.float32).dtype == jnp.float32
+    type_of = lambda head, dtype=None: (
+        jax.eval_shape(lambda: head.sample(key, 60.0, 2, dtype=dtype)).dtype
+    )
+    assert type_of(head) == jnp.result_type(float)
+    assert type_of(head, jnp.float32) == jnp.float32
+    assert type_of(float32_of(head)) == jnp.float32
     assert head.sample(key, 60.0, 1).shape == (1, 4)
 
 
@@ -377,56 +399,63 @@ def test_a_sweep_compiles_once(head, key):
     @jax.jit
     @eqx.debug.assert_max_traces(max_traces=1)
     def last_pose(head, rate_hz):
-        return head.sample(key, rate_hz, 7)[-1]
+        return head.sample(clone(key), rate_hz, 7)[-1]
 
     for speed in (0.5, 1.0, 2.0):
         swept = eqx.tree_at(lambda h: h.speed_rms_deg_s[1], head, speed)
         assert jnp.isfinite(last_pose(swept, 30.0 * speed)).all()
 
 
-@pytest.mark.parametrize("rate_hz", [60.0, 1000.0])
-def test_gradients_of_a_session_are_correct(head, key, rate_hz):
+@pytest.mark.slow
+def test_gradients_of_a_session_are_correct(head, key):
     leaves, structure = jax.tree.flatten(head)
     weights = jnp.asarray(np.linspace(-1, 1, 18).reshape(6, 3))
 
+    @jax.jit
     def score(leaves, rate_hz):
         drawn = jax.tree.unflatten(structure, leaves)
-        return jnp.sum(weights * drawn.rotation_vectors(key, rate_hz, 6)) * 1e3
+        path = drawn.rotation_vectors(clone(key), rate_hz, 6)
+        return jnp.sum(weights * path) * 1e3
 
-    arguments = ([jnp.asarray(leaf) for leaf in leaves], jnp.asarray(rate_hz))
-    # The tracker's leaves are near 4e-3, so steps of 1e-6 still see straight lines.
-    check_grads(score, arguments, order=1, modes=("fwd", "rev"), rtol=1e-5, eps=1e-6)
+    leaves = [jnp.asarray(leaf) for leaf in leaves]
+    for rate_hz in (60.0, 1000.0):
+        arguments = (leaves, jnp.asarray(rate_hz))
+        # The tracker's leaves are near 4e-3: steps of 1e-6 still see straight lines.
+        check_grads(score, arguments, 1, ("fwd", "rev"), rtol=1e-5, eps=1e-6)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-@pytest.mark.parametrize("correlation_time_s", [1e-9, 0.1, 1e6])
-def test_gradients_of_poses_are_finite(head, key, dtype, correlation_time_s):
-    times = (correlation_time_s, 0.1, 0.03)
-    head = eqx.tree_at(lambda h: h.correlation_time_s, head, times)
-
-    def score(head):
-        poses = head.sample(key, 1000.0, 5, dtype=dtype)
+@pytest.mark.parametrize(
+    "dtype", [jnp.float32, pytest.param(jnp.float64, marks=pytest.mark.slow)]
+)
+def test_gradients_of_poses_are_finite(head, key, dtype):
+    @jax.jit
+    @jax.grad
+    def gradient(head):
+        poses = head.sample(clone(key), 1000.0, 5, dtype=dtype)
         return jnp.sum(quaternion.increments(poses) ** 2)
 
-    gradient = jax.grad(score)(head)
-    assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(gradient))
+    for correlation_time_s in (1e-9, 0.1, 1e6):
+        times = (correlation_time_s, 0.1, 0.03)
+        varied = eqx.tree_at(lambda h: h.correlation_time_s, head, times)
+        assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(gradient(varied)))
 
 
+@pytest.mark.slow
 def test_laws_have_gradients_where_spring_and_speed_agree(head):
     same = eqx.tree_at(lambda h: h.return_time_s, head, head.correlation_time_s[0])
-    for law in (
-        lambda h: h.covariance(0.1)[0],
-        lambda h: h.increment_covariance(3, 90.0)[0],
-        lambda h: h.sampled_velocity_spectrum(3.0, 90.0)[0],
-    ):
-        gradient = jax.grad(law)(same)
-        step = 1e-5
-        at = lambda change, law=law: law(
-            eqx.tree_at(lambda h: h.return_time_s, same, same.return_time_s + change)
-        )
-        slope = (at(step) - at(-step)) / (2 * step)
-        # Central differences at 0.1 s err by (1e-5 / 0.1)^2.
-        assert gradient.return_time_s == pytest.approx(float(slope), rel=1e-7)
+
+    @jax.jit
+    def laws(return_time_s):
+        varied = eqx.tree_at(lambda h: h.return_time_s, same, return_time_s)
+        angle = varied.covariance(0.1)[0]
+        increment = varied.increment_covariance(3, 90.0)[0]
+        density = varied.sampled_velocity_spectrum(3.0, 90.0)[0]
+        return jnp.stack([angle, increment, density])
+
+    step_s = 1e-5
+    slopes = (laws(0.1 + step_s) - laws(0.1 - step_s)) / (2 * step_s)
+    # Central differences at 0.1 s err by (1e-5 / 0.1)^2.
+    np.testing.assert_allclose(jax.jacrev(laws)(0.1), slopes, rtol=1e-7)
 
 
 # --- what is refused ---
@@ -462,16 +491,15 @@ def test_requests_out_of_range_are_refused(head, key):
         head.sample(key, 60.0, 0)
 
 
-def test_parameters_may_be_arrays_and_tracers(head, key):
-    speeds = np.array(head.speed_rms_deg_s)
+def test_parameters_may_be_arrays_and_tracers(key):
+    seated = HeadMotion.seated()
+    speeds = jnp.array(seated.speed_rms_deg_s)
 
-    @jax.jit
-    def first_pose(speeds):
-        return HeadMotion(**{**vars(head), "speed_rms_deg_s": speeds}).sample(
-            key, 60.0, 2
-        )
+    @jax.vmap
+    def poses(speeds):
+        head = HeadMotion(**{**vars(seated), "speed_rms_deg_s": speeds})
+        return head.sample(clone(key), 60.0, 2)
 
-    expected = head.sample(key, 60.0, 2)
-    np.testing.assert_allclose(first_pose(speeds), expected, atol=1e-15)
-    swept = jax.vmap(first_pose)(jnp.stack([jnp.asarray(speeds), 0 * speeds]))
-    np.testing.assert_allclose(swept[0], expected, atol=1e-15)
+    swept = poses(jnp.stack([speeds, 0 * speeds]))
+    expected = seated.sample(clone(key), 60.0, 2)
+    np.testing.assert_allclose(swept[0], expected, atol=1e-14)

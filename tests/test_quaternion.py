@@ -17,7 +17,6 @@ EPS32 = float(np.finfo(np.float32).eps)
 IDENTITY = jnp.array([1.0, 0.0, 0.0, 0.0])
 
 
-
 def scipy_rotation(q):
     return Rotation.from_quat(np.asarray(q), scalar_first=True)
 
@@ -123,27 +122,41 @@ def test_a_session_of_one_frame_has_not_moved():
 # --- independent oracles ---
 
 
+def every_function(a, b, vector, rotation, fraction):
+    return {
+        "multiply": quaternion.multiply(a, b),
+        "conjugate": quaternion.conjugate(a),
+        "rotate": quaternion.rotate(a, vector),
+        "log": quaternion.log(a),
+        "exp": quaternion.exp(rotation),
+        "matrix": quaternion.matrix_minus_identity(rotation),
+        "angle": quaternion.angle(rotation),
+        "slerp": quaternion.slerp(a, b, fraction),
+    }
+
+
 def test_functions_agree_with_scipy_however_they_are_called(variant, rng):
     a, b = Rotation.random(2, rng)
-    q_a, q_b = (jnp.asarray(r.as_quat(scalar_first=True)) for r in (a, b))
-    vector = jnp.array([0.3, -1.0, 2.0])
-    same = lambda ours, theirs: np.testing.assert_allclose(ours, theirs, atol=ROUNDING)
-    product = variant(quaternion.multiply)(q_a, q_b)
-    same(scipy_rotation(product).as_matrix(), (a * b).as_matrix())
-    inverse = variant(quaternion.conjugate)(q_a)
-    same(scipy_rotation(inverse).as_matrix(), a.inv().as_matrix())
-    same(variant(quaternion.rotate)(q_a, vector), a.apply(np.array(vector)))
-    same(variant(quaternion.log)(q_a), a.as_rotvec())
-    exp = variant(quaternion.exp)(jnp.asarray(a.as_rotvec()))
-    same(scipy_rotation(exp).as_matrix(), a.as_matrix())
-    minus_identity = variant(quaternion.matrix_minus_identity)(
-        jnp.asarray(a.as_rotvec())
-    )
-    same(minus_identity, a.as_matrix() - np.eye(3))
-    same(variant(quaternion.angle)(jnp.asarray(a.as_rotvec())), a.magnitude())
-    between = variant(quaternion.slerp)(q_a, q_b, jnp.asarray(0.25))
-    oracle = Slerp([0.0, 1.0], Rotation.concatenate([a, b]))(0.25)
-    same(scipy_rotation(between).as_matrix(), oracle.as_matrix())
+    vector = np.array([0.3, -1.0, 2.0])
+    quaternions = (r.as_quat(scalar_first=True) for r in (a, b))
+    arguments = (*quaternions, vector, a.as_rotvec(), 0.25)
+    ours = variant(every_function)(*(jnp.asarray(value) for value in arguments))
+    between = Slerp([0.0, 1.0], Rotation.concatenate([a, b]))(0.25)
+    for name, orientation in [
+        ("multiply", a * b),
+        ("conjugate", a.inv()),
+        ("exp", a),
+        ("slerp", between),
+    ]:
+        turn = (scipy_rotation(ours[name]).inv() * orientation).as_rotvec()
+        np.testing.assert_allclose(turn, 0, atol=ROUNDING, err_msg=name)
+    for name, expected in [
+        ("rotate", a.apply(vector)),
+        ("log", a.as_rotvec()),
+        ("matrix", a.as_matrix() - np.eye(3)),
+        ("angle", a.magnitude()),
+    ]:
+        np.testing.assert_allclose(ours[name], expected, atol=ROUNDING, err_msg=name)
 
 
 @given(orientations, orientations, fractions)

@@ -2,6 +2,8 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
 
 from .._types import Clip, Rgb, Scalar
 
@@ -42,3 +44,25 @@ def mtcd(clip: Clip) -> Scalar:
         raise ValueError(f"clip must have at least 2 frames, got {clip.shape[0]}.")
     planes = jnp.moveaxis(clip, -1, 1)
     return jnp.mean(jax.vmap(pair_distance)(planes[1:], planes[:-1]))
+
+
+class StreamedMtcd:
+    """MTCD of a clip that comes picture by picture, in float64 NumPy."""
+
+    def __init__(self):
+        self._last: Float[np.ndarray, "height width 3"] | None = None
+        self._sum, self._pairs = 0.0, 0
+
+    def add(self, picture: Float[np.ndarray, "height width 3"]) -> None:
+        """Take in the next picture; gamma colours in `[0, 1]`."""
+        if self._last is not None:
+            change = np.asarray(picture, np.float64) - self._last
+            distance = np.sqrt(np.sum(change**2, axis=-1))
+            self._sum += CODE_VALUES * float(np.mean(distance))
+            self._pairs += 1
+        self._last = np.array(picture)
+
+    @property
+    def value(self) -> float:
+        """MTCD so far, code values; NaN before the second picture."""
+        return self._sum / self._pairs if self._pairs else float("nan")

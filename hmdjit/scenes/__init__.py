@@ -10,12 +10,12 @@ from .base import bake as bake
 from .patterns import almost_uniform as almost_uniform
 from .patterns import checkerboard as checkerboard
 from .patterns import honeycomb as honeycomb
-from .patterns import page_of_text as page_of_text
-from .patterns import power_law_noise as power_law_noise
 from .patterns import uniform as uniform
 from .patterns import zone_plate as zone_plate
 from .pictures import Panorama as Panorama
 from .pictures import Photograph as Photograph
+from .rasters import page_of_text as page_of_text
+from .rasters import power_law_noise as power_law_noise
 
 CREDITS = {
     "astronaut": ("Eileen Collins; NASA", "public domain"),
@@ -35,8 +35,8 @@ def study_set() -> dict[str, AbstractScene]:
     """Eleven scenes in the place of Kim et al.'s eleven pictures, which are not public.
 
     Seven are photographs that the scikit-image package itself carries (`CREDITS`), one
-    texel per display pixel in the centre; four are drawn: text, a checkerboard, noise and
-    an almost uniform picture.
+    texel per display pixel in the centre; four are made up: text, a checkerboard, noise
+    and an almost uniform picture.
 
     **Returns:** scenes by their names, photographs first.
 

@@ -3,14 +3,13 @@
 A scene is a function from a direction in the head frame of the *hold pose* (x right,
 y up, -z forward) to a gamma colour. Flat scenes are painted on the plane z = -1, the
 image plane of the hold pose: a point of it is `(x, y)`, right and up, in tangent units,
-of which one is `camera.focal_px` display pixels. A size in degrees is one at the centre,
-where a degree is pi / 180 tangent units (8.05 px with the default camera).
+each `camera.focal_px` display pixels. A size in degrees is one at the centre, where a
+degree is pi / 180 tangent units (8.05 px with the default camera).
 """
 
 import abc
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Callable
 
@@ -80,8 +79,8 @@ def mirror(index: Index, size: int) -> Index:
 
 def repeat(index: Index, size: int) -> Index:
     """Wrap an index around."""
-    # A division of floats is several times as fast as one of integers. It is right up to
-    # millions of texels; what is farther away than that stays at least in bounds.
+    # A division of floats is several times as fast as one of integers. It is right for
+    # indices up to a million; what is farther away stays at least in bounds.
     turns = jnp.floor((index.astype(jnp.float32) + 0.5) / size)
     return jnp.clip(index - size * turns.astype(jnp.int32), 0, size - 1)
 
@@ -133,21 +132,23 @@ def read_planes(
 
     - `planes`: see `stored_planes`; one channel is grey.
     - `column`, `row`: position, texels; texel i has its centre at i. Shape `size`.
-    - `fold_column`, `fold_row`: `mirror`, `repeat` or `clamp`: what lies beyond the edge.
+    - `fold_column`, `fold_row`: `mirror`, `repeat` or `clamp`, what lies beyond edges.
 
     **Returns:** shape `(3, *size)`, dtype of `column`.
     """
     channels, height, width = planes.shape
     flat = planes.reshape(-1)
-    first = jnp.arange(channels, dtype=jnp.int32) * (height * width)
-    first = first.reshape(channels, *(1,) * column.ndim)
+    # Grey is read three times, like red, green and blue: XLA would repeat one read for
+    # each use of its three copies, and does it more slowly.
+    channel = jnp.arange(3, dtype=jnp.int32) % channels
+    first = (channel * (height * width)).reshape(3, *(1,) * column.ndim)
     left, top = jnp.floor(column), jnp.floor(row)
     u, v = (column - left)[None], (row - top)[None]
     x, y = left.astype(jnp.int32), top.astype(jnp.int32)
     x0, x1 = fold_column(x, width), fold_column(x + 1, width)
     y0, y1 = fold_row(y, height), fold_row(y + 1, height)
 
-    def at(x: Index, y: Index) -> Num[Array, "channels *size"]:  # noqa: F821
+    def at(x: Index, y: Index) -> Colors:
         # Unsigned, or the gather would look for negative indices first.
         index = (first + (y * width + x)[None]).astype(jnp.uint32)
         return flat.at[index].get(mode="promise_in_bounds").astype(column.dtype)
@@ -158,7 +159,7 @@ def read_planes(
     colors = upper + v * (lower - upper)
     if not jnp.issubdtype(planes.dtype, jnp.floating):
         colors = colors / jnp.iinfo(planes.dtype).max
-    return jnp.broadcast_to(colors, (3, *column.shape))
+    return colors
 
 
 def bake(
@@ -181,8 +182,8 @@ def bake(
     **Returns:** a `Texture`, its colour exact at the texels' centres, its reference the
     SSAA(4) mean over one display pixel around them.
 
-    **Errors:** `ValueError` if the oversampling is another, or half the field of view and
-    the margin together reach 85 degrees.
+    **Errors:** `ValueError` if the oversampling is another, or half the field of view
+    and the margin together reach 85 degrees.
 
     **Accuracy:** what is read between texels is interpolated from them. One compilation
     serves all scenes of one class and shapes.
@@ -221,40 +222,46 @@ def _paint(
     width = oversampling * (camera.width_px + 2 * margin_px)
     height = oversampling * (camera.height_px + 2 * margin_px)
     # The samples of all texels lie on one grid, 1/4 px apart. A texel's box is
-    # `oversampling` neighbouring groups of `group` samples along each axis. All groups
-    # are walked together, sample by sample, so the scene is compiled only once.
+    # `oversampling` neighbouring groups of `group` samples along each axis.
     group = _SAMPLES // oversampling
-    columns = jnp.arange(width + oversampling - 1, dtype=jnp.int32)
-    rows = jnp.arange(_STRIP_ROWS + oversampling - 1, dtype=jnp.int32)
-    first_sample = 0.5 / oversampling + 0.5 / _SAMPLES - 0.5
-    to_center = 0.5 - 0.5 / _SAMPLES  # from a texel's first sample
-    in_group = [i / _SAMPLES for i in range(group)]
-    offsets = [(to_center, to_center), *itertools.product(in_group, in_group)]
-    offsets = jnp.asarray(offsets, dtype)
-
+    groups = width + oversampling - 1
+    strip_groups = _STRIP_ROWS + oversampling - 1
     focal = jnp.asarray(camera.focal_px, dtype)
-    origin_x = margin_px + camera.width_px / 2 - first_sample
-    origin_y = margin_px + camera.height_px / 2 - first_sample
+    origin_x = margin_px + camera.width_px / 2
+    origin_y = margin_px + camera.height_px / 2
+    first_sample = 0.5 / oversampling + 0.5 / _SAMPLES - 0.5  # from a texel's side
+
+    def seen(column_px: Float[Array, " w"], row_px: Float[Array, " h"]) -> Colors:
+        x = ((column_px - origin_x) / focal)[None, :]
+        y = ((origin_y - row_px) / focal)[:, None]
+        x, y = jnp.broadcast_arrays(x, y)
+        return scene.color(camera, jnp.stack([x, y, -jnp.ones_like(x)]))
+
+    def texels(first: Int[Array, ""] | int, count: int) -> Float[Array, " count"]:
+        """Position of the left or upper side of texels, px."""
+        return (first + jnp.arange(count, dtype=jnp.int32)).astype(dtype) / oversampling
+
+    def samples(first: Int[Array, ""] | int, count: int) -> Float[Array, " samples"]:
+        """List the first sample of each group, then the second of each, ..."""
+        in_group = jnp.arange(group, dtype=jnp.int32).astype(dtype) / _SAMPLES
+        side = first_sample + in_group[:, None] + texels(first, count)[None, :]
+        return side.reshape(-1)
 
     def strip(first_row: Int[Array, ""]) -> tuple[Float[Array, "rows w 3"], ...]:
-        x_px = columns.astype(dtype) / oversampling - origin_x
-        y_px = origin_y - (first_row + rows).astype(dtype) / oversampling
-
-        def seen(offset: Float[Array, "2"]) -> Colors:
-            x = ((x_px + offset[0]) / focal)[None, :]
-            y = ((y_px - offset[1]) / focal)[:, None]
-            x, y = jnp.broadcast_arrays(x, y)
-            return scene.color(camera, jnp.stack([x, y, -jnp.ones_like(x)]))
-
-        pictures = jax.lax.map(seen, offsets)
-        colors = pictures[0, :, :_STRIP_ROWS, :width]
-        light = color.decode(pictures[1:]).sum(0)
-        light = sum(light[:, i : i + _STRIP_ROWS] for i in range(oversampling))
-        light = sum(light[:, :, i : i + width] for i in range(oversampling))
-        mean = color.encode(light / _SAMPLES**2)
+        center = 0.5 / oversampling
+        colors = seen(
+            center + texels(0, width), center + texels(first_row, _STRIP_ROWS)
+        )
+        gamma = seen(samples(0, groups), samples(first_row, strip_groups))
+        light = color.decode(gamma)
+        light = light.reshape(3, group, strip_groups, group, groups).sum((1, 3))
+        rows = [light[:, i : i + _STRIP_ROWS] for i in range(oversampling)]
+        light = functools.reduce(jnp.add, rows)
+        columns = [light[:, :, i : i + width] for i in range(oversampling)]
+        mean = color.encode(functools.reduce(jnp.add, columns) / _SAMPLES**2)
         return jnp.moveaxis(colors, 0, -1), jnp.moveaxis(mean, 0, -1)
 
     first_rows = jnp.arange(0, height, _STRIP_ROWS, dtype=jnp.int32)
     strips = jax.lax.map(strip, first_rows)
-    flat = [texels.reshape(-1, width, 3)[:height] for texels in strips]
-    return flat[0], flat[1]
+    colors, means = (rows.reshape(-1, width, 3)[:height] for rows in strips)
+    return colors, means

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float, UInt
 
 from .. import _checks
 from .._types import Scalar
@@ -44,8 +44,8 @@ class Photograph(base.AbstractFlatScene):
     ) -> "Photograph":
         """Keep a picture.
 
-        **Arguments:** `picture`: gamma, shape `(height, width)` or `(height, width, 3)`;
-        uint8, uint16, or floating in `[0, 1]`.
+        **Arguments:** `picture`: gamma, shape `(height, width)` or
+        `(height, width, 3)`; uint8, uint16, or floating in `[0, 1]`.
 
         **Errors:** `ValueError` for any other shape, dtype or range.
         """
@@ -71,7 +71,7 @@ class Photograph(base.AbstractFlatScene):
         file; `ImportError` without Pillow.
         """
         path = os.fspath(path)
-        picture = _read_picture(path)
+        picture = _read_codes(path)
         name = name or _stem(path)
         return cls.of(picture, magnification=magnification, name=name)
 
@@ -122,8 +122,8 @@ class Panorama(base.AbstractScene):
     ) -> "Panorama":
         """Keep a picture.
 
-        **Arguments:** `picture`: gamma, shape `(height, width)` or `(height, width, 3)`;
-        uint8, uint16, or floating in `[0, 1]`.
+        **Arguments:** `picture`: gamma, shape `(height, width)` or
+        `(height, width, 3)`; uint8, uint16, or floating in `[0, 1]`.
 
         **Errors:** `ValueError` for any other shape, dtype or range.
         """
@@ -139,7 +139,7 @@ class Panorama(base.AbstractScene):
     ) -> "Panorama":
         """Read a file, as `Photograph.read` does, and with the same errors."""
         path = os.fspath(path)
-        picture = _read_picture(path)
+        picture = _read_codes(path)
         try:
             return cls.of(picture, yaw_deg=yaw_deg, name=name or _stem(path))
         except ValueError as error:
@@ -162,12 +162,24 @@ class Panorama(base.AbstractScene):
         return base.read_planes(self.planes, column, row, base.repeat, base.clamp)
 
 
+def read_picture(path: str | os.PathLike) -> Float[np.ndarray, "height width 3"]:
+    """Read a file's gamma colours, as `Photograph.read` does, and with its errors.
+
+    **Returns:** in `[0, 1]`, float32, shape `(height, width, 3)`.
+    """
+    codes = _read_codes(os.fspath(path))
+    colors = (codes / np.iinfo(codes.dtype).max).astype(np.float32)
+    height, width = colors.shape[:2]
+    channels_last = colors.reshape(height, width, -1)
+    return np.array(np.broadcast_to(channels_last, (height, width, 3)))
+
+
 def _stem(path: str) -> str:
     return os.path.splitext(os.path.basename(path))[0]
 
 
-def _read_picture(path: str) -> np.ndarray:
-    """Gamma codes of a file: `(height, width)` or `(height, width, 3)`."""
+def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
+    """Gamma codes of a file, `(height, width)` or `(height, width, 3)`."""
     try:
         import PIL.Image
     except ImportError as error:
@@ -190,10 +202,12 @@ def _read_picture(path: str) -> np.ndarray:
         raise ValueError(f"{path}: damaged or unreadable: {error}") from error
 
 
-def _decoded(image: Any) -> np.ndarray:
+def _decoded(image: Any) -> UInt[np.ndarray, "height width *channels"]:
     from PIL import ImageOps
 
     upright = ImageOps.exif_transpose(image)
+    if upright.mode == "F":
+        raise ValueError("its floating-point values have no stated range")
     if upright.mode.startswith("I"):  # 16-bit grey: I;16, I;16B, or I in older Pillows
         return np.clip(np.asarray(upright), 0, 65535).astype(np.uint16)
     if upright.mode in ("LA", "PA", "RGBA", "La", "RGBa") or (

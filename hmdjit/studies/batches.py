@@ -1,22 +1,20 @@
 """Finished batches on disk: written whole or not at all, found again by their content.
 
-A batch's key is a hash of everything that decides its numbers. A study that is run again,
-or made longer, therefore finds what it has and computes only what it lacks.
+A batch's key is a hash of everything that decides its numbers. A study that is run
+again, or made longer, therefore finds what it has and computes only what it lacks.
 """
 
-import contextlib
 import dataclasses
 import hashlib
-import os
-import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import jax
 import numpy as np
 
+from .._files import written_atomically
 from ..simulation import Result
 
 
@@ -54,23 +52,6 @@ def _absorb(digest: Any, part: Any) -> None:
         raise TypeError(f"cannot take the fingerprint of a {type(part).__name__}.")
 
 
-@contextlib.contextmanager
-def atomic_file(path: Path, mode: str = "wb") -> Iterator[IO]:
-    """Open a file that appears under its name only when it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(
-        dir=path.parent, prefix=f".{path.name}.", suffix=".part"
-    )
-    try:
-        with os.fdopen(handle, mode) as file:
-            yield file
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(temporary)
-        raise
-
-
 class Store:
     """Batches of a study; in a folder, or nowhere."""
 
@@ -82,7 +63,7 @@ class Store:
         if self._folder is None:
             return None
         try:
-            with np.load(self._path(name, key)) as file:
+            with open(self._path(name, key), "rb") as raw, np.load(raw) as file:
                 return Result(file["mtcd"], file["detail_loss"])
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
             return None
@@ -90,7 +71,10 @@ class Store:
     def keep(self, name: str, key: str, result: Result) -> None:
         """Write a finished batch."""
         if self._folder is not None:
-            with atomic_file(self._path(name, key)) as file:
+            with (
+                written_atomically(self._path(name, key)) as unfinished,
+                open(unfinished, "wb") as file,
+            ):
                 np.savez(file, mtcd=result.mtcd, detail_loss=result.detail_loss)
 
     def _path(self, name: str, key: str) -> Path:

@@ -25,50 +25,58 @@ from .tiles import CentralCrop, Tiles, WholeFrame
 TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
 
 
+def _option(metavar: str, text: str, default: Any = None) -> Any:
+    return dataclasses.field(
+        default=default, metadata={"metavar": metavar, "help": text}
+    )
+
+
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """What a study can be told; None keeps the default."""
+    """What a study can be told; None, or False, keeps the default."""
 
-    scenes: tuple[str, ...] | None = None
-    """Names of the study set to use (default: all eleven)."""
-    images: tuple[Path, ...] | None = None
-    """Flat pictures (PNG or JPEG) to use instead of the study set."""
-    panorama: tuple[Path, ...] | None = None
-    """Equirectangular panoramas to use instead of the study set."""
-    trace: tuple[Path, ...] | None = None
-    """Recorded heads (CSV t_s,qw,qx,qy,qz) to replay instead of the head model."""
-    techniques: tuple[str, ...] | None = None
-    """Technique ids, e.g. none msaa4 head_movement head_movement+ssaa2 freeze ssaa4."""
-    baseline: str | None = None
-    """The technique that ratios refer to (default: msaa4, else none)."""
-    sessions: int | None = None
-    """Viewing sessions (default: 500)."""
-    frames: int | None = None
-    """Displayed frames that are measured, at least 2 (default: 10)."""
-    warmup: int | None = None
-    """Displayed frames before them (default: 12)."""
-    crop: int | None = None
-    """Measure a central block of this side, px: not a sample of the frame."""
-    whole_frame: bool | None = None
-    """Measure every pixel of the frame instead of tiles."""
-    tiles: int | None = None
-    """Tiles per session (default: 2)."""
-    width: int | None = None
-    """Width of the camera frame, px (default: 1024)."""
-    height: int | None = None
-    """Height of the camera frame, px (default: 1024)."""
-    fov: float | None = None
-    """Horizontal field of view, deg (default: 96)."""
-    refresh: float | None = None
-    """Refresh rate, Hz (default: 60, or a trace's own)."""
-    oversampling: int | None = None
-    """Texels per display pixel and axis: 1, 2 or 4 (default: 2)."""
-    margin: float | None = None
-    """How far a head may turn from where it started, deg (default: 6)."""
-    seed: int | None = None
-    """Session i depends only on the study, the seed and i (default: 0)."""
-    out: Path | None = None
-    """Folder for everything that is written (default: hmdjit-study)."""
+    images: tuple[Path, ...] | None = _option(
+        "PATH...", "Flat pictures (PNG, JPEG) instead of the eleven scenes."
+    )
+    panorama: tuple[Path, ...] | None = _option(
+        "PATH...", "Equirectangular panoramas instead of the eleven scenes."
+    )
+    scenes: tuple[str, ...] | None = _option(
+        "NAME...", "Some of the eleven scenes, by name."
+    )
+    trace: tuple[Path, ...] | None = _option(
+        "CSV...", "Recorded heads (t_s,qw,qx,qy,qz) instead of the head model."
+    )
+    techniques: tuple[str, ...] | None = _option(
+        "ID...", f"Techniques (default: {' '.join(TECHNIQUES)})."
+    )
+    baseline: str | None = _option(
+        "ID", "The technique that ratios refer to (default: msaa4, else none)."
+    )
+    sessions: int | None = _option("N", "Viewing sessions (default: 500).")
+    frames: int | None = _option("N", "Measured frames, at least 2 (default: 10).")
+    warmup: int | None = _option("N", "Frames before them (default: 12).")
+    tiles: int | None = _option("N", "Tiles of 64 px per session (default: 2).")
+    crop: int | None = _option(
+        "PX", "Measure a central block instead: not a sample of the frame."
+    )
+    whole_frame: bool = _option("", "Measure every pixel instead.", default=False)
+    width: int | None = _option("PX", "Width of the frame (default: 1024).")
+    height: int | None = _option("PX", "Height of the frame (default: 1024).")
+    fov: float | None = _option("DEG", "Horizontal field of view (default: 96).")
+    refresh: float | None = _option(
+        "HZ", "Refresh rate (default: 60, or the traces' own)."
+    )
+    oversampling: int | None = _option(
+        "N", "Texels per display pixel and axis: 1, 2 or 4 (default: 2)."
+    )
+    margin: float | None = _option(
+        "DEG", "How far a head may turn from where it started (default: 6)."
+    )
+    seed: int | None = _option("N", "Seed of all random draws (default: 0).")
+    out: Path | None = _option(
+        "DIR", "Folder for everything written (default: hmdjit-study)."
+    )
 
 
 def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
@@ -120,7 +128,10 @@ def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
         return tuple(path.parent / v if "Path" in kind else v for v in value)
     types = {"int": int, "float": (int, float), "bool": bool, "str": str, "Path": str}
     name = next(name for name in types if name in single.split(".")[-1])
-    if not isinstance(value, types[name]) or (name != "bool" and value is True):
+    # In Python a bool is an int, in TOML it is not.
+    if not isinstance(value, types[name]) or isinstance(value, bool) != (
+        name == "bool"
+    ):
         raise ValueError(f"{path}: {key} must be of type {name}, got {value!r}.")
     return path.parent / value if name == "Path" else value
 
@@ -130,7 +141,7 @@ def merged(low: Options, high: Options) -> Options:
     said = {
         name: value
         for name, value in dataclasses.asdict(high).items()
-        if value is not None
+        if value is not None and value is not False
     }
     return dataclasses.replace(low, **said)
 
@@ -183,11 +194,13 @@ def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
     ways = {
         "tiles": options.tiles is not None,
         "crop": options.crop is not None,
-        "whole_frame": bool(options.whole_frame),
+        "whole_frame": options.whole_frame,
     }
     chosen = [name for name, is_said in ways.items() if is_said]
     if len(chosen) > 1:
-        raise ValueError(f"{' and '.join(chosen)} exclude each other: name one of them.")
+        raise ValueError(
+            f"{' and '.join(chosen)} exclude each other: name one of them."
+        )
     if options.whole_frame:
         return WholeFrame()
     if options.crop is not None:

@@ -45,7 +45,9 @@ Sessions = Float[np.ndarray, " session"]
 Cells = Float[np.ndarray, "scene session"]
 Subjects = Shaped[np.ndarray, " session"]
 
-_Z95 = float(stats.norm.ppf(0.975))
+Z95 = float(stats.norm.ppf(0.975))
+"""Half-width of a normal 95 % interval, in standard errors."""
+
 _FEW_SESSIONS = 50
 _FEW_SUBJECTS = 5
 _REPLICATES = 2000
@@ -201,7 +203,7 @@ def _interval(
         return Interval(value, value, value, 0.0, f"no spread{suffix}")
     if subjects is None and count >= _FEW_SESSIONS:
         error = float(np.std(influence, ddof=1)) / math.sqrt(count)
-        step = _Z95 * error
+        step = Z95 * error
         return Interval(value, value - step, value + step, error, asymptotic + suffix)
     if subjects is None or clusters is None:
         units, weights = count, _weights(count, None)

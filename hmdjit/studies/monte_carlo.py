@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from .. import _checks
 from .. import camera as pinhole
+from .._files import written_atomically
 from .._version import __version__
 from ..camera import Camera, Region
 from ..frame import Motion, Texture
@@ -100,7 +101,9 @@ class Study(eqx.Module):
             raise ValueError("techniques must name at least one technique, got none.")
         ids = [technique.id for technique in self.techniques]
         if len(set(ids)) < len(ids):
-            raise ValueError(f"techniques must have distinct ids, got {', '.join(ids)}.")
+            raise ValueError(
+                f"techniques must have distinct ids, got {', '.join(ids)}."
+            )
         _checks.one_of("baseline", self.baseline, ids)
         _checks.whole("sessions", self.sessions, 1)
         _checks.whole("frames", self.frames, 2)
@@ -405,10 +408,10 @@ class _Run:
         if len(failed) > MOST_FAILED * self.sessions.count:
             named = ", ".join(map(str, failed[:10])) + (", ..." if failed[10:] else "")
             raise FailedSessionsError(
-                f"{len(failed)} of {self.sessions.count} sessions gave no finite number "
-                f"(sessions {named}); at most {MOST_FAILED:.1%} may. A head that turns "
-                f"more than margin_deg = {self.study.margin_deg:g} from where it "
-                "started is one cause."
+                f"{len(failed)} of {self.sessions.count} sessions gave no finite "
+                f"number (sessions {named}); at most {MOST_FAILED:.1%} may. A head "
+                f"that turns more than margin_deg = {self.study.margin_deg:g} from "
+                "where it started is one cause."
             )
 
     def _gather(self) -> "xarray.Dataset":
@@ -491,7 +494,5 @@ def mean_px_per_deg(camera: Camera) -> float:
 
 def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:
     """Write a dataset as NetCDF 4, whole or not at all."""
-    partial_path = path.with_name(f".{path.name}.part")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    dataset.to_netcdf(partial_path, engine="h5netcdf")
-    os.replace(partial_path, path)
+    with written_atomically(path) as unfinished:
+        dataset.to_netcdf(unfinished, engine="h5netcdf")

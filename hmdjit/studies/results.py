@@ -1,16 +1,16 @@
 """What a study found: one row per technique and scene, and the pooled rows."""
 
-import contextlib
 import csv
 import dataclasses
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._files import written_atomically
 from .intervals import NO_PAIR, NO_SESSION
 from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
@@ -26,6 +26,7 @@ POOLED = "all"
 GEOMETRIC_MEAN = "geometric mean"
 """Scene of the rows with the geometric mean of the per-scene ratios."""
 
+ONE_SESSION = "one session has no interval"
 _NO_QUANTILES = (math.nan, math.nan, math.nan)
 
 
@@ -138,7 +139,7 @@ def _row(
     if math.isnan(mean.value) or math.isnan(ratio.value):
         note = mean.method if math.isnan(mean.value) else ratio.method
     elif finite.size == 1:
-        note = "one session has no interval"
+        note = ONE_SESSION
     elif paired < finite.size:
         note = f"ratio over the {paired} sessions that succeeded in both"
     quantiles = np.quantile(finite, [0.05, 0.5, 0.95]) if finite.size else _NO_QUANTILES
@@ -162,19 +163,6 @@ def _row(
         interval=mean.method,
         note=note,
     )
-
-
-@contextlib.contextmanager
-def written_atomically(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a path to write to, which replaces `path` only once all is written."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield unfinished
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:

@@ -20,6 +20,7 @@ from ..head_motion import HeadMotion, Trace
 from ..quaternion import rebase
 from .tiles import Measurement
 
+
 class Replay(eqx.Module):
     """Recorded heads: each session is a window of a trace, at the trace's own rate.
 
@@ -41,9 +42,9 @@ class Replay(eqx.Module):
         for trace, rate in zip(self.traces, rates, strict=True):
             if abs(rate / middle - 1) > 0.02:
                 raise ValueError(
-                    f"traces must share one rate within 2 % to be replayed at their own: "
-                    f"{trace.name} has {rate:.2f} Hz, the median is {middle:.2f} Hz; "
-                    "name a refresh rate to resample them."
+                    "traces must share one rate within 2 % to be replayed at their "
+                    f"own: {trace.name} has {rate:.2f} Hz, the median is "
+                    f"{middle:.2f} Hz; name a refresh rate to resample them."
                 )
 
     @property
@@ -66,9 +67,10 @@ class Replay(eqx.Module):
             if round(trace.duration_s * (self.rate_hz or trace.rate_hz)) + 1 >= frames
         ]
         if not cut:
+            longest = max(trace.duration_s for trace in self.traces)
             raise ValueError(
-                f"traces must last at least {frames} frames at {self.refresh_hz:.1f} Hz; "
-                f"the longest lasts {max(t.duration_s for t in self.traces):.2f} s."
+                f"traces must last at least {frames} frames at "
+                f"{self.refresh_hz:.1f} Hz; the longest lasts {longest:.2f} s."
             )
         windows = np.concatenate([block for block, _ in cut])
         subjects = [subject for block, subject in cut for _ in block]
@@ -86,7 +88,7 @@ def _model_motion(
     rate_hz: float,
     frames: int,
 ) -> Motion:
-    """Head paths of some sessions, drawn from a model: float32, `(sessions, frames, 3)`.
+    """Head paths of sessions, drawn from a model: float32, `(sessions, frames, 3)`.
 
     Sessions are mapped, not vectorised, so that a session's bits do not depend on which
     others are drawn with it.
@@ -136,7 +138,7 @@ class Batch(NamedTuple):
         return self.origins.shape[0]
 
     def select(self, index: Int[np.ndarray, " chosen"]) -> "Batch":
-        """Some sessions of the batch, any of them any number of times."""
+        """Pick sessions of the batch, any of them any number of times."""
         motion = jax.tree.map(lambda leaf: leaf[index], self.motion)
         return Batch(self.start, motion, self.origins[index])
 

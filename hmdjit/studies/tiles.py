@@ -1,8 +1,8 @@
 """Which blocks of the camera frame a study measures, and how wide a halo they need.
 
 A tile is a block that is measured, inside a halo that is rendered and filtered but not
-measured. Tiles are drawn from a grid that covers the frame exactly, so their mean is the
-whole frame's, edges included.
+measured. Tiles are drawn from a grid that covers the frame exactly, so their mean is
+the whole frame's, edges included.
 """
 
 import math
@@ -135,10 +135,11 @@ def required_halo_px(
     """Halo that keeps what its outer edge does out of the measured pixels.
 
     Let `e_j` bound the error at depth j pixels from the edge. Pixels beyond the edge
-    are wrong by up to 1. A history read displaced by at most `s = n + f` px mixes depths
-    `j - n` and `j - n - 1` with weights `1 - f` and `f` (bilinear), and of that mix at
-    most the technique's gain g remains: `e_j <- g ((1 - f) e_{j-n} + f e_{j-n-1})`. The
-    worst case is that every frame moves inwards by its largest displacement.
+    are wrong by up to 1. A history read displaced by at most `s = n + f` px mixes
+    depths `j - n` and `j - n - 1` with weights `1 - f` and `f` (bilinear), and of that
+    mix at most the technique's gain g remains: `e_j <- g ((1 - f) e_{j-n} + f
+    e_{j-n-1})`. The worst case is that every frame moves inwards by its largest
+    displacement.
 
     **Arguments:** `reach`: of the frames of each session.
 

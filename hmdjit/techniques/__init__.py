@@ -27,12 +27,12 @@ def by_id(id: str) -> AbstractTechnique:
 
     **Errors:** `ValueError` naming the known ids, with the nearest as a suggestion.
     """
-    name, _, resolve = id.partition("+")
+    name, plus, resolve = id.partition("+")
     if name == "head_movement":
-        spatial = by_id(resolve) if resolve else None
+        spatial = by_id(resolve) if plus else None
         if isinstance(spatial, AbstractSpatial | None):
             return HeadMovement(resolve=spatial)
-    elif not resolve:
+    elif not plus:
         if name == "none":
             return NoAntialiasing()
         if name == "freeze":

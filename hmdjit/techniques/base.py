@@ -1,9 +1,9 @@
 """The technique contract.
 
-A technique is a frozen configuration with `init(frame) -> state` and
-`step(state, frame, motion) -> (state, displayed)`: pure, per region, on planes. A session
-calls `init` with its first frame and `step` with every frame, the first one included
-(motion 0), so that displayed frame 0 is frame 0. Sources (history) are read only through
+A technique is a frozen configuration with `init(frame) -> state` and `step(state,
+frame, motion) -> (state, displayed)`: pure, per region, on planes. A session calls
+`init` with its first frame and `step` with every frame, the first one included (motion
+0), so that displayed frame 0 is frame 0. Sources (history) are read only through
 `source.at(displacement)`.
 """
 
@@ -50,7 +50,7 @@ class AbstractTechnique(eqx.Module):
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
-        """Sub-pixel samples to render: row k mod period, x right, y down, from centre."""
+        """Sub-pixel samples: row k mod period, px from the centre, x right, y down."""
         return sample_patterns.centre()[None]
 
     @property

@@ -94,8 +94,9 @@ class HeadMovement(AbstractTechnique):
     def _raw_weights(self) -> tuple[Scalar, ...]:
         if self.weights is not None:
             return self.weights
-        # Samples that are all at d = 0 have no ratio of d: they count alike.
-        if all(isinstance(d, float) and d == 0 for d in self.closeness):
+        # One sample counts fully; samples that are all at d = 0 have no ratio of d.
+        is_zero = all(isinstance(d, float) and d == 0 for d in self.closeness)
+        if len(self.closeness) == 1 or is_zero:
             return (1.0,) * len(self.closeness)
         return self.closeness
 
@@ -107,9 +108,7 @@ class HeadMovement(AbstractTechnique):
         """History starts as the first frame."""
         return History.of(self._current(frame))
 
-    def step(
-        self, state: History, frame: Frame, motion: Motion
-    ) -> tuple[History, Rgb]:
+    def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Equations (1) to (5)."""
         current = self._current(frame)
         speed_rad = quaternion.angle(motion.increment) * frame.camera.refresh_hz
@@ -121,23 +120,26 @@ class HeadMovement(AbstractTechnique):
         ]
         raw = self._raw_weights()
         weights = [weight / sum(raw) for weight in raw]
-        history = blending.past_color([state.at(position) for position in past], weights)
+        samples = [state.at(position) for position in past]
 
         is_blended = past[0].inside()
         for position in past[1:]:
             is_blended &= position.inside()
         if frame.static_mask is not None:
             is_blended &= frame.static_mask
+        history = blending.past_color(samples, weights)
+        history = blending.usable(history, current, is_blended)
 
         if self.difference == "same_pixel":
-            difference = blending.color_difference(current, state.planes)
+            same_pixel = blending.usable(state.planes, current, is_blended)
+            difference = blending.color_difference(current, same_pixel)
         else:
             difference = blending.color_difference(
                 current, history, kind=self.difference
             )
         minimum = blending.localized_minimum(self.w_min, self.w_lb, difference)
         weight = blending.current_weight(minimum, easing)
-        displayed = blending.blend(current, history, weight, is_blended)
+        displayed = blending.blend(current, history, weight)
 
         shown = color.encode(displayed) if self.space == "linear" else displayed
         return History.of(displayed), shown

@@ -1,0 +1,112 @@
+"""Draw the map "MTCD ratio against velocity correlation".
+
+When does the 56 % of Kim et al. come out?
+The ratio MTCD(head movement) / MTCD(none) is not a constant of the method: it depends
+on how correlated the head's velocity is from frame to frame, and on how many pixels a
+frame's motion covers. The lines are simulated, the dashed one is the small-motion
+theory.
+
+    python examples/ratio_against_correlation.py --sessions 200 --out ratio.png
+"""
+
+import argparse
+
+import equinox as eqx
+import matplotlib
+import numpy as np
+from matplotlib import pyplot as plt
+
+import hmdjit as hj
+from hmdjit.studies.intervals import ratio_interval
+from hmdjit.studies.tiles import CentralCrop
+
+RATE_HZ, FRAMES, WARMUP = 60.0, 10, 12
+W_MIN, D = 0.3, 2 / 3  # Kim et al.
+
+
+def head(correlation: float, deg_per_frame: float) -> hj.HeadMotion:
+    """Ornstein-Uhlenbeck velocity of a given correlation between frames, no noise."""
+    tau_s = 1e-4 if correlation == 0 else -1 / (RATE_HZ * np.log(correlation))
+    model = hj.HeadMotion(
+        speed_rms_deg_s=(1.0, 1.0, 0.0),
+        correlation_time_s=(tau_s, tau_s, tau_s),
+        tracker_noise_deg=(0.0, 0.0, 0.0),
+        person_sd=0.0,
+    )
+    scale = deg_per_frame / (float(model.increment_rms_deg(RATE_HZ)) / np.sqrt(2))
+    return eqx.tree_at(lambda m: m.speed_rms_deg_s, model, (scale, scale, 0.0))
+
+
+def lag_one_correlation(model: hj.HeadMotion) -> float:
+    """Correlation of one frame's rotation with the next one's."""
+    now, later = np.asarray(model.increment_covariance(np.array([0, 1]), RATE_HZ))[:, 0]
+    return float(later / now)
+
+
+def theory(model: hj.HeadMotion) -> float:
+    """Small motions: displacement is filtered by (1 - d) + d A / (1 - (1 - A) / z)."""
+    lags = np.arange(400)
+    response = D * W_MIN * (1 - W_MIN) ** lags
+    response[0] += 1 - D
+    covariance = np.asarray(model.increment_covariance(lags, RATE_HZ))[:, 0]
+    kernel = np.convolve(response, response[::-1])[len(lags) - 1 :]
+    shown = kernel[0] * covariance[0] + 2 * kernel[1:] @ covariance[1:]
+    return float(np.sqrt(shown / covariance[0]))
+
+
+def main() -> None:
+    """Simulate the map and draw it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sessions", type=int, default=200)
+    parser.add_argument("--crop", type=int, default=64)
+    parser.add_argument("--out", default="ratio_against_correlation.png")
+    options = parser.parse_args()
+
+    camera = hj.Camera(refresh_hz=RATE_HZ)
+    px_per_deg = float(hj.camera.px_per_deg(camera, np.array([512.0, 512.0]))[0])
+    correlations = (0.0, 0.3, 0.5, 0.8, 0.95)
+    figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for px_per_frame in (0.1, 0.3, 1.0):
+        points = []
+        for correlation in correlations:
+            model = head(correlation, px_per_frame / px_per_deg)
+            study = hj.Study(
+                scenes={"noise": hj.scenes.power_law_noise()},
+                techniques=[hj.techniques.by_id("none"), hj.techniques.HeadMovement()],
+                head=model,
+                camera=camera,
+                sessions=options.sessions,
+                frames=FRAMES,
+                warmup=WARMUP,
+                measure=CentralCrop(options.crop),
+                baseline="none",
+            )
+            plain, blended = study.run(seed=0)["mtcd"].values[:, 0]
+            ratio = ratio_interval(blended, plain)
+            points.append(
+                (lag_one_correlation(model), ratio.value, ratio.low, ratio.high)
+            )
+            print(
+                f"{px_per_frame:4} px/frame, correlation {points[-1][0]:.3f}: {ratio}"
+            )
+        x, value, low, high = np.array(points).T
+        error = (value - low, high - value)
+        label = f"{px_per_frame:g} px per frame and axis"
+        axis.errorbar(x, value, error, marker="o", capsize=3, label=label)
+    lines = [head(c, 0.01) for c in np.linspace(0, 0.99, 40)]
+    expected = [(lag_one_correlation(m), theory(m)) for m in lines]
+    axis.plot(*np.array(expected).T, "k--", label="small-motion theory")
+    axis.axhline(0.56, color="grey", linewidth=1)
+    axis.annotate("Kim et al.: 0.56", (0.98, 0.565), ha="right", color="grey")
+    axis.set(
+        xlabel="correlation of the head's velocity from frame to frame",
+        ylabel="MTCD ratio, head movement / none",
+        title=f"1/f noise, {options.sessions} sessions, 60 Hz, warm-up {WARMUP} frames",
+    )
+    axis.legend()
+    figure.savefig(options.out, dpi=150)
+
+
+if __name__ == "__main__":
+    matplotlib.use("Agg")
+    main()

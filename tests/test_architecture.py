@@ -1,0 +1,222 @@
+"""A module imports only from the lines above its own: the order is written here."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hmdjit
+
+PACKAGE = Path(hmdjit.__file__).parent
+
+# Modules and folders, from the ground up; those on one line do not know each other.
+# A line may name what is not written yet.
+LINES = [
+    ("_types", "_checks", "_files", "_version"),
+    ("quaternion",),
+    ("camera",),
+    ("sample_patterns",),
+    ("color",),
+    ("resampling",),
+    ("frame",),
+    ("head_motion",),
+    ("scenes",),
+    ("rendering",),
+    ("reprojection",),
+    ("blending",),
+    ("neighborhood", "edges"),
+    ("techniques",),
+    ("metrics",),
+    ("simulation",),
+    ("theory",),
+    ("studies",),
+    ("hmdjit",),  # the names that `import hmdjit` offers
+    ("cli",),
+    ("__main__",),
+]
+
+# In a folder, members import the members of earlier steps; `*` is every other name.
+FOLDERS = {
+    "head_motion": [("base",), ("trace",), ("process",), ("fitting",)],
+    "scenes": [("base",), ("*",), ("study_set",)],
+    "techniques": [("base",), ("*",)],
+    "metrics": [("base",), ("*",)],
+    "studies": [
+        ("intervals",),
+        ("tiles",),
+        ("sessions",),
+        ("batches",),
+        ("monte_carlo",),
+        ("definition",),  # reads a file into a `Study`, so it comes after it
+        ("estimators",),
+        ("trade_off",),
+        ("fitting",),
+        ("results",),
+        ("drawing",),
+        ("figures",),
+        ("report",),
+        ("reproductions",),
+    ],
+}
+
+# (importer, imported): why this one import may point sideways.
+EXCEPTIONS: dict[tuple[str, str], str] = {}
+
+FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}
+STUDY_EXTRA = {"matplotlib", "xarray", "skimage", "tyro", "PIL", "rich", "h5netcdf"}
+
+
+def module_name(path):
+    """Dotted name inside the package; `hmdjit` is the package's own `__init__`."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    parts = parts[:-1] if parts[-1] == "__init__" else parts
+    return ".".join(parts) or "hmdjit"
+
+
+PATHS = {module_name(path): path for path in PACKAGE.rglob("*.py")}
+TREES = {name: ast.parse(path.read_text("utf-8")) for name, path in PATHS.items()}
+
+
+def imported_modules(name, tree, known):
+    """Modules of the package that a module imports, also inside functions."""
+    is_package = name == "hmdjit" or name in FOLDERS
+    here = [] if name == "hmdjit" else name.split(".")
+    package = here if is_package else here[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            targets = [alias.name.split(".") for alias in node.names]
+            targets = [parts[1:] for parts in targets if parts[0] == "hmdjit"]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module.split(".") if node.module else []
+            if node.level:
+                base = package[: len(package) - node.level + 1] + base
+            elif base[0] == "hmdjit":
+                base = base[1:]
+            else:
+                continue
+            members = [[*base, alias.name] for alias in node.names]
+            targets = [m if ".".join(m) in known else base for m in members]
+        else:
+            continue
+        yield from (".".join(parts) or "hmdjit" for parts in targets)
+
+
+def line_of(name):
+    top = name.split(".")[0]
+    for number, line in enumerate(LINES):
+        if top in line:
+            return number
+    raise LookupError(f"{name} has no line: add it to LINES where its imports allow.")
+
+
+def step_of(name):
+    """Step of a module in its folder; the folder's own `__init__` comes last."""
+    folder, _, member = name.partition(".")
+    steps = FOLDERS[folder]
+    if not member:
+        return len(steps)
+    for number, step in enumerate(steps):
+        if member in step:
+            return number
+    for number, step in enumerate(steps):
+        if "*" in step:
+            return number
+    raise LookupError(f"{name} has no step: add it to FOLDERS where its imports allow.")
+
+
+def points_back(importer, imported):
+    if importer.split(".")[0] == imported.split(".")[0]:
+        return step_of(imported) < step_of(importer)
+    return line_of(imported) < line_of(importer)
+
+
+def wrong_imports(trees):
+    pairs = {
+        (name, imported)
+        for name, tree in trees.items()
+        for imported in imported_modules(name, tree, trees)
+    }
+    return {pair for pair in pairs if not points_back(*pair)}
+
+
+def test_imports_point_backwards():
+    wrong = wrong_imports(TREES) - set(EXCEPTIONS)
+    assert not wrong, f"(importer, imported): {sorted(wrong)}"
+
+
+def test_exceptions_are_still_needed_and_have_a_reason():
+    present = {pair for pair in EXCEPTIONS if pair[0] in TREES}
+    assert present <= wrong_imports(TREES)
+    assert all(EXCEPTIONS.values())
+
+
+@pytest.mark.parametrize(
+    ("importer", "line", "is_wrong"),
+    [
+        ("frame", "from . import camera as pinhole, quaternion", False),
+        ("camera", "from .frame import Frame", True),
+        ("camera", "import hmdjit.frame", True),
+        ("camera", "from hmdjit import frame", True),
+        ("camera", "def late():\n    from . import frame", True),
+        ("camera", "from . import __version__", True),
+        ("techniques.spatial", "from .base import AbstractTechnique", False),
+        ("techniques.spatial", "from . import freeze", True),
+        ("techniques.spatial", "from .freeze import Freeze", True),
+        ("techniques.spatial", "from ..techniques import Freeze", True),
+        ("techniques.spatial", "from ..simulation import simulate", True),
+        ("techniques", "from .spatial import SSAA", False),
+        ("scenes.study_set", "from . import patterns", False),
+        ("scenes.patterns", "from . import study_set", True),
+        ("studies.report", "from .results import Interval", False),
+        ("studies.results", "from .report import page", True),
+        ("hmdjit", "from .studies.report import page", False),
+        ("hmdjit", "from .cli import run", True),
+        ("cli", "import hmdjit", False),
+    ],
+)
+def test_the_check_itself(importer, line, is_wrong):
+    names = ["quaternion", "camera", "frame", "techniques.base", "techniques.freeze"]
+    names += ["scenes.patterns", "scenes.study_set"]
+    trees = {name: ast.parse("") for name in names} | {importer: ast.parse(line)}
+    assert bool(wrong_imports(trees)) == is_wrong
+
+
+def test_annotations_are_not_postponed():
+    # Postponed, they are strings, and shapes are no longer checked.
+    def is_postponed(tree):
+        lines = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+        return any(line.module == "__future__" for line in lines)
+
+    assert not [name for name, tree in TREES.items() if is_postponed(tree)]
+
+
+def test_no_module_is_named_after_nothing():
+    words = {part for name in TREES for part in name.split(".")}
+    assert not words & FORBIDDEN_NAMES
+
+
+def test_folders_are_one_deep():
+    assert all(name.count(".") <= 1 for name in TREES)
+
+
+def test_importing_the_package_is_quick_and_needs_the_core_only():
+    program = (
+        "import json, sys, time\n"
+        "import hmdjit\n"
+        "loaded = sorted({name.split('.')[0] for name in sys.modules})\n"
+        "print(json.dumps([time.process_time(), loaded]))\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    seconds, loaded = json.loads(run.stdout)
+    assert not STUDY_EXTRA & set(loaded)
+    # Processor time, with start-up; a loose bound: it notices a heavy import, no more.
+    assert seconds < 5

@@ -1,0 +1,244 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hmdjit.studies import intervals
+from hmdjit.studies.intervals import (
+    geometric_mean_ratio,
+    mean_interval,
+    ratio_interval,
+)
+
+REPLICATIONS = 400
+FALSE_ALARM = 1e-3  # of each coverage test, were its key drawn anew
+
+
+def sessions(rng, count, *, ratio=0.6, correlation=0.9, shape=()):
+    """Lognormal pairs, coefficient of variation 0.55, means `ratio` and 1."""
+    sigma = math.sqrt(math.log(1 + 0.55**2))
+    common, own = rng.standard_normal((2, *shape, count))
+    other = correlation * common + math.sqrt(1 - correlation**2) * own
+    y, x = np.exp(sigma * np.stack([common, other]) - sigma**2 / 2)
+    return ratio * x, y
+
+
+def covers(interval, truth):
+    return interval.low <= truth <= interval.high
+
+
+@pytest.mark.parametrize(("count", "coverage"), [(100, 0.945), (16, 0.93), (8, 0.91)])
+@pytest.mark.parametrize("kind", ["mean", "ratio"])
+def test_intervals_cover_as_documented(rng, kind, count, coverage):
+    hits = 0
+    for _ in range(REPLICATIONS):
+        x, y = sessions(rng, count)
+        found = mean_interval(y) if kind == "mean" else ratio_interval(x, y)
+        hits += covers(found, 1.0 if kind == "mean" else 0.6)
+    assert hits >= stats.binom.ppf(FALSE_ALARM, REPLICATIONS, coverage)
+    assert hits <= stats.binom.ppf(1 - FALSE_ALARM, REPLICATIONS, 0.97)
+
+
+@pytest.mark.parametrize(("count", "coverage"), [(100, 0.945), (16, 0.93)])
+def test_geometric_mean_covers_with_sessions_shared_by_scenes(rng, count, coverage):
+    hits = 0
+    for _ in range(REPLICATIONS):
+        person = np.exp(0.3 * rng.standard_normal(count))
+        pairs = [sessions(rng, count, ratio=r) for r in (0.5, 0.7, 0.9)]
+        x, y = np.stack(pairs, axis=1) * person
+        hits += covers(geometric_mean_ratio(x, y), (0.5 * 0.7 * 0.9) ** (1 / 3))
+    assert hits >= stats.binom.ppf(FALSE_ALARM, REPLICATIONS, coverage)
+
+
+def test_intervals_over_subjects_cover_the_population(rng):
+    subject = np.repeat(np.arange(12), 6)
+    hits = hits_over_windows = 0
+    for _ in range(REPLICATIONS):
+        person = np.exp(0.4 * rng.standard_normal(12) - 0.08)
+        x = person[subject] * np.exp(0.3 * rng.standard_normal(72) - 0.045)
+        hits += covers(mean_interval(x, subject), 1.0)
+        hits_over_windows += covers(mean_interval(x), 1.0)
+    assert hits >= stats.binom.ppf(FALSE_ALARM, REPLICATIONS, 0.93)
+    # Windows of one person are alike: taken as independent, they promise too much.
+    assert hits_over_windows < 0.75 * REPLICATIONS
+
+
+def test_mean_interval_by_hand():
+    x = np.tile([1.0, 3.0], 50)
+    found = mean_interval(x)
+    error = math.sqrt(100 / 99) / 10
+    assert found.value == 2.0
+    np.testing.assert_allclose(found.standard_error, error, rtol=1e-12)
+    np.testing.assert_allclose(found.high - 2, 1.959963985 * error, rtol=1e-9)
+    np.testing.assert_allclose(found.half_width, 1.959963985 * error, rtol=1e-9)
+    assert found.method == "normal, 100 sessions"
+
+
+def test_ratio_interval_by_hand():
+    x, y = np.tile([1.0, 3.0, 2.0], 20), np.tile([2.0, 4.0, 6.0], 20)
+    found = ratio_interval(x, y)
+    residual = np.tile([0.0, 1.0, -1.0], 20)  # x - y / 2
+    error = math.sqrt(np.sum(residual**2) / 59) / math.sqrt(60) / 4.0
+    np.testing.assert_allclose(found.value, 0.5, rtol=1e-15)
+    np.testing.assert_allclose(found.standard_error, error, rtol=1e-12)
+    np.testing.assert_allclose(found.low, 0.5 - 1.959963985 * error, rtol=1e-9)
+
+
+def test_geometric_mean_is_the_geometric_mean(rng):
+    x, y = sessions(rng, 200, shape=(4,))
+    x *= np.array([[0.5], [1.0], [1.5], [2.0]])
+    direct = stats.gmean(x.mean(axis=1) / y.mean(axis=1))
+    np.testing.assert_allclose(geometric_mean_ratio(x, y).value, direct, rtol=1e-13)
+
+
+def test_geometric_mean_error_agrees_with_the_jackknife(rng):
+    x, y = sessions(rng, 300, shape=(4,))
+    person = np.exp(0.5 * rng.standard_normal(300))
+    x, y = x * person, y * person
+    without = [
+        stats.gmean(np.delete(x, i, 1).mean(axis=1) / np.delete(y, i, 1).mean(axis=1))
+        for i in range(300)
+    ]
+    jackknife = np.std(without) * math.sqrt(299)
+    found = geometric_mean_ratio(x, y)
+    # The two differ by terms of relative order 1 / n.
+    np.testing.assert_allclose(found.standard_error, jackknife, rtol=0.02)
+    np.testing.assert_allclose(found.low * found.high, found.value**2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [20, 400])
+def test_ratio_agrees_with_a_brute_force_bootstrap(rng, count):
+    x, y = sessions(rng, count)
+    draws = np.random.default_rng(7).integers(0, count, (20_000, count))
+    replicates = np.sort(x[draws].mean(axis=1) / y[draws].mean(axis=1))
+    found = ratio_interval(x, y)
+    # Ours has 2,000 replicates: its error has a relative one of 1 / sqrt(4000), 1.6 %.
+    # Asymptotic and resampled errors differ by less than that at 400 sessions.
+    np.testing.assert_allclose(found.standard_error, np.std(replicates), rtol=0.07)
+    width = stats.t.ppf(0.975, count - 1) * math.sqrt(count / (count - 1))
+    ends = np.quantile(replicates, stats.norm.cdf([-width, width]))
+    tolerance = 0.35 * found.standard_error  # 4 standard errors of a 1 % percentile
+    np.testing.assert_allclose([found.low, found.high], ends, atol=tolerance)
+
+
+def test_pairing_narrows_the_ratio(rng):
+    x, y = sessions(rng, 300, correlation=0.99)
+    paired = ratio_interval(x, y)
+    assert paired.half_width < ratio_interval(rng.permutation(x), y).half_width / 4
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_subjects_who_differ_widen_the_interval(rng, count):
+    subject = np.array([f"s{i}" for i in np.arange(count) % 8])
+    person = np.exp(0.5 * rng.standard_normal(8))[np.arange(count) % 8]
+    x = person * np.exp(0.1 * rng.standard_normal(count))
+    over_subjects = mean_interval(x, subject)
+    assert over_subjects.half_width > 1.5 * mean_interval(x).half_width
+    assert "8 subjects" in over_subjects.method
+
+
+def test_resampled_subjects_take_all_their_windows_with_them():
+    index = np.array([0] * 3 + [1] * 5 + [2] * 2 + [3] * 4 + [4])
+    weights = intervals._weights(15, index.tobytes())
+    per_subject = np.stack([weights[index == s].sum(axis=0) for s in range(5)])
+    times = per_subject / np.bincount(index)[:, None]
+    np.testing.assert_array_equal(times, np.round(times))
+    np.testing.assert_array_equal(times.sum(axis=0), 5)
+    # Each window is drawn once on average; 2,000 replicates of variance about 2.
+    np.testing.assert_allclose(weights.mean(axis=1), 1, atol=4 * math.sqrt(2 / 2000))
+
+
+def test_fewer_than_five_subjects_speak_for_their_windows_only(rng):
+    x, y = sessions(rng, 100)
+    subject = np.arange(100) % 4
+    found = ratio_interval(x, y, subject)
+    assert found.method.endswith(
+        "100 sessions of 4 subjects: between these windows only"
+    )
+    assert found.low == ratio_interval(x, y).low
+    assert "windows only" not in ratio_interval(x, y, np.arange(100) % 5).method
+
+
+def test_failed_sessions_are_left_out_pairwise(rng):
+    x, y = sessions(rng, 100)
+    x[3], y[7], y[8] = np.nan, np.inf, -np.inf
+    keep = ~np.isin(np.arange(100), [3, 7, 8])
+    assert mean_interval(x) == mean_interval(np.delete(x, 3))
+    assert ratio_interval(x, y) == ratio_interval(x[keep], y[keep])
+    subject = np.arange(100) % 6
+    left = ratio_interval(x, y, subject)
+    assert left == ratio_interval(x[keep], y[keep], subject[keep])
+    found = geometric_mean_ratio(np.stack([x, 2 * y]), np.stack([y, y]))
+    first = ratio_interval(x, y).value
+    np.testing.assert_allclose(found.value, math.sqrt(2 * first), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("level", "has_ratio"), [(0.05, False), (0.0501, True)])
+def test_a_ratio_needs_flicker_to_remove(level, has_ratio):
+    y = np.full(60, level)
+    found = ratio_interval(0.5 * y, y)
+    assert math.isfinite(found.value) == has_ratio
+    assert (found.method == "no flicker to remove") != has_ratio
+    over_scenes = geometric_mean_ratio(0.5 * y[None], y[None])
+    assert math.isfinite(over_scenes.value) == has_ratio
+
+
+def test_geometric_mean_leaves_scenes_without_flicker_out(rng):
+    x, y = sessions(rng, 100, shape=(3,))
+    x[1], y[1] = 1e-3, 1e-2
+    found, expected = (
+        geometric_mean_ratio(x, y),
+        geometric_mean_ratio(x[[0, 2]], y[[0, 2]]),
+    )
+    assert found == expected
+
+
+@pytest.mark.parametrize("count", [5, 100])
+def test_what_does_not_vary_has_an_interval_of_no_width(count):
+    y = np.linspace(1, 2, count)
+    for found, value in (
+        (ratio_interval(y, y), 1.0),
+        (ratio_interval(0 * y, y), 0.0),
+        (mean_interval(0 * y), 0.0),
+        (geometric_mean_ratio(y[None], y[None]), 1.0),
+        (geometric_mean_ratio(0 * y[None], y[None]), 0.0),
+    ):
+        assert (found.value, found.low, found.high) == (value, value, value)
+        assert found.standard_error == 0
+
+
+def test_one_session_has_a_value_and_no_interval():
+    x, y = np.array([1.0, np.nan]), np.array([2.0, 3.0])
+    for found, value in (
+        (mean_interval(x), 1.0),
+        (ratio_interval(x, y), 0.5),
+        (geometric_mean_ratio(x[None], y[None]), 0.5),
+        (geometric_mean_ratio(0 * x[None], y[None]), 0.0),
+    ):
+        assert found.value == pytest.approx(value, rel=1e-15)
+        assert np.isnan([found.low, found.high, found.standard_error]).all()
+
+
+def test_no_session_has_nothing_and_says_so():
+    none = np.full(3, np.nan)
+    for found in (
+        mean_interval(none),
+        ratio_interval(none, np.ones(3)),
+        geometric_mean_ratio(none[None], np.ones((1, 3))),
+    ):
+        assert math.isnan(found.value)
+        assert found.method.startswith("no session succeeded")
+
+
+def test_intervals_stay_in_range_and_repeat_themselves(rng):
+    x = np.where(rng.random(12) < 0.8, 0.0, 1.0)
+    found = mean_interval(x)
+    assert found.low >= 0
+    intervals._weights.cache_clear()
+    assert mean_interval(x) == found
+
+
+def test_shapes_must_agree():
+    with pytest.raises(ValueError, match=r"one shape, got \(3,\) and \(4,\)"):
+        intervals._paired(np.ones(3), np.ones(4))

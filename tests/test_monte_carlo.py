@@ -1,0 +1,247 @@
+import json
+import time
+
+import jax
+import numpy as np
+import pytest
+import xarray
+
+import hmdjit as hj
+from hmdjit.studies import monte_carlo
+from hmdjit.studies.monte_carlo import FailedSessionsError
+from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
+
+CAMERA = hj.Camera(64, 64, fov_deg=8.0)  # 8 px/deg, as a headset's centre
+IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+
+
+def _study(**changes):
+    settings = {
+        "scenes": {
+            "noise": hj.scenes.power_law_noise(),
+            "board": hj.scenes.checkerboard(square_deg=1.0),
+        },
+        "techniques": [hj.techniques.by_id(id) for id in IDS],
+        "head": hj.HeadMotion.seated(),
+        "camera": CAMERA,
+        "sessions": 12,
+        "frames": 4,
+        "warmup": 3,
+        "measure": Tiles(2, 16),
+        "margin_deg": 4.0,
+    }
+    return hj.Study(**(settings | changes))
+
+
+@pytest.fixture(scope="module")
+def data():
+    return _study().run(seed=5)
+
+
+def test_rows_mean_what_they_say(data):
+    assert dict(data.sizes) == {"technique": 5, "scene": 2, "session": 12}
+    mtcd, loss = data["mtcd"], data["detail_loss"]
+    # On a picture MSAA is no anti-aliasing, exactly; frozen pictures do not flicker.
+    np.testing.assert_array_equal(
+        mtcd.sel(technique="msaa4"), mtcd.sel(technique="none")
+    )
+    assert (mtcd.sel(technique="freeze") == 0).all()
+    assert (loss.sel(technique="ssaa4") == 0).all()
+    assert (loss.sel(technique="freeze") > loss.sel(technique="none")).all()
+    assert (mtcd.sel(technique="head_movement") < mtcd.sel(technique="none")).all()
+
+
+def test_results_identify_themselves(data):
+    attributes = data.attrs
+    assert attributes["px_per_deg_centre"] == pytest.approx(
+        CAMERA.focal_px * np.pi / 180, rel=1e-6
+    )
+    for name in ("config_hash", "model_version", "jax_version", "device", "head"):
+        assert attributes[name]
+    assert json.loads(attributes["failed_sessions"]) == []
+    assert (data["rotation_deg"] > 0).all()
+
+
+@pytest.mark.parametrize("batch_size", [1, 5, 12, 100])
+def test_bits_do_not_depend_on_the_batch(data, batch_size):
+    again = _study().run(seed=5, batch_size=batch_size)
+    xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
+
+
+def test_the_first_sessions_of_a_longer_study_are_the_shorter_one(data):
+    longer = _study(sessions=20).run(seed=5)
+    xarray.testing.assert_identical(
+        longer.isel(session=slice(12)).drop_attrs(), data.drop_attrs()
+    )
+    assert not np.array_equal(_study().run(seed=6)["mtcd"], data["mtcd"])
+
+
+def test_an_interrupted_study_goes_on_and_equals_an_uninterrupted_one(tmp_path, data):
+    def stop_in_the_middle(event):
+        if event.done > event.total / 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _study().run(seed=5, out=tmp_path, batch_size=5, progress=stop_in_the_middle)
+    assert not (tmp_path / "result.nc").exists()
+    kept = set((tmp_path / "batches").iterdir())
+    assert kept
+    events = []
+    resumed = _study().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    xarray.testing.assert_identical(resumed.drop_attrs(), data.drop_attrs())
+    assert resumed.attrs["config_hash"] == data.attrs["config_hash"]
+    assert 0 < events[-1].fresh < events[-1].total == events[-1].done
+    assert kept < set((tmp_path / "batches").iterdir())
+
+    # Once finished, nothing is computed again.
+    _study().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    assert events[-1].fresh == 0
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as written:
+        np.testing.assert_array_equal(written["mtcd"], data["mtcd"])
+
+
+def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
+    small = {"sessions": 3, "scenes": {"noise": hj.scenes.power_law_noise()}}
+    _study(**small).run(seed=0, out=tmp_path)
+    changes = [
+        {"warmup": 2},
+        {"head": hj.HeadMotion((1.0, 1.0, 1.0), (0.1, 0.1, 0.1), (0.0, 0.0, 0.0))},
+        {"scenes": {"noise": hj.scenes.power_law_noise(seed=1)}},
+        {"margin_deg": 3.0},
+        {"camera": hj.Camera(64, 64, fov_deg=8.0, refresh_hz=72.0)},
+    ]
+    for change in changes:
+        events = []
+        _study(**(small | change)).run(seed=0, out=tmp_path, progress=events.append)
+        assert events[-1].fresh == events[-1].total, change
+
+
+def test_one_compilation_per_technique_serves_all_scenes():
+    study = _study(sessions=7, frames=5)  # shapes that no other test has compiled
+    monte_carlo._measure.clear_cache()
+    study.run(seed=0, batch_size=4)
+    # none (and MSAA), head movement, freeze, SSAA: one program each.
+    assert monte_carlo._measure._cache_size() == 4
+
+
+def test_tiles_crop_and_whole_frame_measure_the_same_kind_of_thing():
+    means = {}
+    for measure in (Tiles(2, 16), CentralCrop(32), WholeFrame()):
+        data = _study(measure=measure, sessions=10).run(seed=1)
+        means[type(measure)] = float(data["mtcd"].sel(technique="none").mean())
+        assert np.isfinite(data["mtcd"]).all()
+    # The field is narrow, so the picture moves alike everywhere.
+    assert means[CentralCrop] == pytest.approx(means[WholeFrame], rel=0.3)
+    assert means[Tiles] == pytest.approx(means[WholeFrame], rel=0.3)
+
+
+@pytest.mark.slow
+def test_tile_means_agree_with_whole_frames():
+    """Unbiased: the same sessions by tiles and by whole frames, on three scenes."""
+    camera = hj.Camera(256, 256, fov_deg=80.0)  # fast at its sides, slow in its centre
+    scenes = {
+        "noise": hj.scenes.power_law_noise(),
+        "board": hj.scenes.checkerboard(),
+        "plate": hj.scenes.zone_plate(),
+    }
+    common = {"camera": camera, "scenes": scenes, "sessions": 150, "margin_deg": 4.0}
+    tiled = _study(measure=Tiles(4, 32), **common).run(seed=3)
+    whole = _study(measure=WholeFrame(), **common).run(seed=3)
+    for name in ("mtcd", "detail_loss"):
+        difference = (tiled[name] - whole[name]).sel(
+            technique=["none", "head_movement"]
+        )
+        error = difference.std("session", ddof=1) / np.sqrt(difference.sizes["session"])
+        z = np.abs(difference.mean("session") / error)
+        # 12 z-tests below 4 in all: false alarm 12 x 6.3e-5 < 0.1 %.
+        assert float(z.max()) < 4, (name, z.values)
+
+
+def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
+    calm = _study(sessions=6, measure=Tiles(2, 16))
+    runner = monte_carlo._Runner(calm, 6)
+    kim = hj.techniques.HeadMovement()
+    usual = runner._usual_halo[kim]
+    assert usual > 0
+    assert runner._usual_halo[hj.techniques.NoAntialiasing()] == 0
+    batch = monte_carlo._sessions(calm, 0, 6).batch(0, 6)
+    wild = batch._replace(motion=jax.tree.map(lambda leaf: leaf * 4, batch.motion))
+    halo = runner.halo(kim, wild)
+    assert (halo[runner.is_wide(kim, wild)] >= 2 * usual).all()
+    assert runner.is_wide(kim, wild).any()
+
+
+def test_a_wide_session_equals_itself_in_a_wide_study():
+    """The halo decides how much is rendered, not what is measured."""
+    study = _study(sessions=6, measure=Tiles(1, 16))
+    texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
+    runner = monte_carlo._Runner(study, 6)
+    kim = hj.techniques.HeadMovement()
+    batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
+    usual = runner.run(kim, texture, batch)
+    for halo in (0, 64):
+        runner._usual_halo[kim] = halo
+        again = runner.run(kim, texture, batch)
+        # Errors beyond a halo reach the tile with less than 1e-5 of the colour range;
+        # MTCD moves by at most 2 x 255 x sqrt(3) times that.
+        np.testing.assert_allclose(again.mtcd, usual.mtcd, atol=9e-3)
+
+
+def test_sessions_that_leave_the_margin_are_named_and_stop_the_study():
+    restless = hj.HeadMotion((60.0, 60.0, 1.0), (0.5, 0.5, 0.1), (0.0, 0.0, 0.0))
+    study = _study(head=restless, margin_deg=0.5)
+    with pytest.raises(
+        FailedSessionsError, match=r"of 12 sessions gave no finite.*\(se"
+    ):
+        study.run(seed=0)
+
+
+def test_replays_carry_their_subjects_and_their_rate():
+    traces = []
+    for i, subject in enumerate("ab"):
+        poses = hj.HeadMotion.seated().sample(jax.random.key(i), 90.0, 40)
+        traces.append(hj.Trace(np.arange(40) / 90, np.asarray(poses), subject=subject))
+    data = _study(head=hj.Replay(traces)).run(seed=0)
+    assert data.sizes["session"] == 2 * (40 // 7)
+    assert data.attrs["refresh_hz"] == pytest.approx(90.0)
+    assert set(data["subject"].values) == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sessions": 0}, r"sessions must be a whole number >= 1, got 0"),
+        ({"frames": 1}, r"frames must be a whole number >= 2, got 1"),
+        ({"warmup": -1}, r"warmup must be a whole number >= 0, got -1"),
+        ({"baseline": "mssa4"}, r"baseline must be one of .* Did you mean 'msaa4'"),
+        ({"scenes": {}}, r"scenes must name at least one scene"),
+        ({"techniques": []}, r"techniques must name at least one"),
+        (
+            {"techniques": [hj.techniques.SSAA(2), hj.techniques.SSAA(2)]},
+            r"techniques must have distinct ids, got ssaa2, ssaa2",
+        ),
+        ({"measure": Tiles(2, 48)}, r"tiles size_px must divide"),
+    ],
+)
+def test_wrong_studies_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        _study(**changes)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_sessions():
+    import resource
+
+    study = _study(
+        sessions=200, techniques=[hj.techniques.NoAntialiasing()], baseline="none"
+    )
+    study.run(seed=0, batch_size=50)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    start = time.monotonic()
+    _study(
+        sessions=4000, techniques=[hj.techniques.NoAntialiasing()], baseline="none"
+    ).run(seed=0, batch_size=50)
+    assert time.monotonic() > start
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # A result is 32 bytes per session, scene and technique: 0.3 MB. 20 MB is slack.
+    assert after - before < 20_000

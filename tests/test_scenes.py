@@ -1,0 +1,108 @@
+import builtins
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hmdjit import scenes
+from hmdjit.camera import Camera, Region
+from hmdjit.frame import Displacement
+from hmdjit.scenes import pictures
+
+
+@pytest.fixture(scope="module")
+def study_set():
+    return scenes.study_set()
+
+
+def test_the_study_set_has_eleven_scenes_under_their_names(study_set):
+    assert len(study_set) == 11
+    assert all(scene.name == name for name, scene in study_set.items())
+    assert all(name.replace("_", "").isalpha() for name in study_set)
+
+
+def test_every_photograph_of_the_study_set_is_credited(study_set):
+    photographs = {
+        name
+        for name, scene in study_set.items()
+        if isinstance(scene, scenes.Photograph)
+    }
+    assert photographs == set(scenes.CREDITS)
+    assert len(photographs) == 7
+    for credit, licence in scenes.CREDITS.values():
+        assert credit
+        assert licence in ("CC0", "public domain")
+
+
+def test_the_study_set_bakes_to_one_shape_of_finite_colours(study_set):
+    camera = Camera(32, 32, 96.0)
+    shapes = set()
+    for scene in study_set.values():
+        texture = scenes.bake(scene, camera)
+        shapes.add(texture.color.shape)
+        for texels in (texture.color, texture.supersampled):
+            assert texels.dtype == jnp.float32
+            # sRGB curves in float32 are right to a few 1e-7.
+            assert (texels >= -1e-6).all()
+            assert (texels <= 1 + 1e-6).all()
+    assert len(shapes) == 1
+
+
+@pytest.mark.slow
+def test_the_default_camera_sees_the_study_set_as_it_claims(study_set):
+    camera = Camera()
+    still = Displacement(camera, Region.whole(camera), jnp.zeros(3, jnp.float32))
+    for name, scene in study_set.items():
+        texture = scenes.bake(scene, camera)
+        assert texture.color.shape == (2540, 2540, 3)
+        frame = np.asarray(texture.at(still))
+        mean = np.asarray(texture.at(still, supersampled=True))
+        if name == "almost_uniform":
+            assert np.ptp(frame, axis=(1, 2)).max() * 255 < 7
+        else:
+            assert frame.std() > 0.05
+        assert np.abs(frame - mean).mean() < 0.1
+
+
+def test_scenes_are_leaves_and_names_so_that_they_can_be_told_apart():
+    first, second = scenes.checkerboard(2.0), scenes.checkerboard(3.0)
+    assert jax.tree.structure(first) == jax.tree.structure(second)
+    assert jax.tree.leaves(first) != jax.tree.leaves(second)
+    renamed = scenes.checkerboard(2.0, name="other")
+    assert jax.tree.structure(first) != jax.tree.structure(renamed)
+
+
+def test_importing_scenes_needs_the_core_packages_only():
+    extra = ("skimage", "PIL", "matplotlib", "xarray")
+    code = (
+        "import sys, hmdjit.scenes;"
+        f"sys.exit(' '.join(name for name in {extra} if name in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("missing", "call"),
+    [
+        ("skimage", scenes.study_set),
+        ("PIL", scenes.page_of_text),
+        ("PIL", lambda: pictures.read_picture("any.png")),
+    ],
+)
+def test_a_missing_package_is_named(missing, call, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest, **named):
+        if name.split(".")[0] == missing:
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r"install `hmdjit\[study\]`"):
+        call()

@@ -1,0 +1,101 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hmdjit as hj
+from hmdjit.studies.sessions import Sessions, session_keys, study_key
+from hmdjit.studies.tiles import Tiles
+
+CAMERA = hj.Camera(64, 64)
+
+
+def _trace(subject, seconds, rate_hz=90.0, seed=0):
+    frames = round(seconds * rate_hz)
+    poses = hj.HeadMotion.seated().sample(jax.random.key(seed), rate_hz, frames)
+    return hj.Trace(np.arange(frames) / rate_hz, np.asarray(poses), subject=subject)
+
+
+def _sessions(count, head=None, seed=0):
+    head = hj.HeadMotion.seated() if head is None else head
+    return Sessions(seed, head, CAMERA, Tiles(2, 8), count, 12)
+
+
+def test_a_session_depends_on_its_number_only():
+    whole = _sessions(9).batch(0, 9)
+    for start, size in ((0, 4), (4, 4), (8, 4)):
+        part = _sessions(9).batch(start, size)
+        chosen = slice(start, start + part.count)
+        np.testing.assert_array_equal(part.origins, whole.origins[chosen])
+        np.testing.assert_array_equal(
+            part.motion.increment, whole.motion.increment[chosen]
+        )
+    assert part.count == 1
+
+
+def test_sessions_and_seeds_differ():
+    first, second = _sessions(40), _sessions(40, seed=1)
+    paths = np.asarray(first.batch(0, 40).motion.offset).reshape(40, -1)
+    assert len(np.unique(paths, axis=0)) == 40
+    others = np.asarray(second.batch(0, 40).motion.offset).reshape(40, -1)
+    assert not np.isin(paths[:, 3:], others[:, 3:]).any()
+
+
+def test_motion_starts_at_the_hold_pose_in_float32():
+    motion = _sessions(5).batch(0, 5).motion
+    assert motion.offset.dtype == np.float32
+    assert (motion.offset[:, 0] == 0).all()
+    assert (motion.increment[:, 0] == 0).all()
+
+
+def test_keys_are_threefry_whatever_the_default():
+    with jax.default_prng_impl("rbg"):
+        key = study_key(3)
+    assert str(jax.random.key_impl(key)) == "threefry2x32"
+    keys = session_keys(study_key(3), jnp.int32(0))
+    assert (
+        jax.random.key_data(keys.head).tolist()
+        != jax.random.key_data(keys.blocks).tolist()
+    )
+
+
+def test_replay_gives_each_window_once_and_names_its_subject():
+    traces = [_trace("a", 1.0), _trace("b", 2.0, seed=1)]
+    replay = hj.Replay(traces)
+    assert replay.refresh_hz == pytest.approx(90.0)
+    sessions = _sessions(1000, replay)
+    assert sessions.count == 90 // 12 + 180 // 12
+    assert sessions.subjects.count("a") == 90 // 12
+    batch = sessions.batch(0, sessions.count)
+    ends = np.asarray(batch.motion.offset)[:, -1]
+    assert len(np.unique(ends, axis=0)) == sessions.count
+    # A shorter study begins like a longer one.
+    few = _sessions(5, replay).batch(0, 5)
+    np.testing.assert_array_equal(few.motion.offset, batch.motion.offset[:5])
+
+
+def test_replayed_increments_are_the_recorded_ones():
+    trace = _trace("a", 0.2)
+    batch = _sessions(1, hj.Replay([trace])).batch(0, 1)
+    expected = hj.Motion.of(jnp.asarray(trace.world_from_head[:12]))
+    np.testing.assert_allclose(batch.motion.increment[0], expected.increment, atol=2e-9)
+
+
+def test_replay_refuses_what_it_cannot_replay():
+    slow, fast = _trace("a", 1.0, 60.0), _trace("b", 1.0, 90.0)
+    with pytest.raises(ValueError, match=r"at least one recording"):
+        hj.Replay([])
+    with pytest.raises(ValueError, match=r"share one rate within 2 %"):
+        hj.Replay([slow, fast, fast])
+    with pytest.raises(ValueError, match=r"rate_hz must lie in \(0, inf\), got 0"):
+        hj.Replay([slow], rate_hz=0.0)
+    with pytest.raises(ValueError, match=r"must last at least 12 frames"):
+        _sessions(3, hj.Replay([_trace("a", 0.1)]))
+
+
+def test_replay_resamples_to_a_named_rate():
+    replay = hj.Replay([_trace("a", 1.0, 60.0), _trace("b", 1.0, 90.0)], rate_hz=72.0)
+    assert replay.refresh_hz == 72.0
+    windows, subjects = replay.windows(12)
+    assert windows.shape == (len(subjects), 12, 4)
+    assert len(subjects) in (2 * (72 // 12), 2 * (72 // 12) - 1, 2 * (72 // 12) - 2)

@@ -1,0 +1,137 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import hmdjit as hj
+from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame, required_halo_px
+from hmdjit.techniques.base import HistoryReach
+
+
+def _draw_many(tiles, camera, key, draws):
+    keys = jax.random.split(key, draws)
+    return np.asarray(jax.vmap(lambda k: tiles.draw(k, camera))(keys))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_every_cell_is_drawn_equally_often(key, count):
+    camera = hj.Camera(48, 32)
+    origins = _draw_many(Tiles(count, 8), camera, key, 6000).reshape(-1, 2)
+    cells, seen = np.unique(origins, axis=0, return_counts=True)
+    assert len(cells) == 24  # the grid covers the frame exactly
+    assert (origins % 8 == 0).all()
+    # Chi-squared over 24 cells; false alarm 1e-4 a case. Strata make it conservative.
+    assert stats.chisquare(seen).pvalue > 1e-4
+
+
+def test_tiles_of_a_session_lie_in_different_strata(key):
+    camera = hj.Camera(64, 64)
+    origins = _draw_many(Tiles(4, 8), camera, key, 500)
+    quadrant = origins // 32
+    # Along a Z-curve, a quarter of the cells is a quadrant.
+    assert all(len(np.unique(session, axis=0)) == 4 for session in quadrant)
+
+
+def test_tile_means_are_unbiased_for_any_picture(key, rng):
+    camera = hj.Camera(48, 32)
+    picture = rng.random((32, 48))
+    tiles = Tiles(3, 8)
+    cell_mean = picture.reshape(4, 8, 6, 8).mean(axis=(1, 3))
+    origins = _draw_many(tiles, camera, key, 4000) // 8
+    estimates = cell_mean[origins[..., 1], origins[..., 0]].mean(axis=1)
+    error = estimates.std() / np.sqrt(len(estimates))
+    # |z| < 4: false alarm 6e-5.
+    assert abs(estimates.mean() - picture.mean()) < 4 * error
+
+
+@pytest.mark.parametrize(
+    ("measure", "message"),
+    [
+        (lambda: Tiles(0), r"tiles count must be a whole number >= 1, got 0"),
+        (lambda: Tiles(2, 0), r"tiles size_px must be a whole number >= 1, got 0"),
+        (lambda: CentralCrop(0), r"crop size_px must be a whole number >= 1, got 0"),
+        (
+            lambda: Tiles().block_size(hj.Camera(1000, 1024)),
+            r"must divide the camera frame 1000 x 1024, got 64; 8 does",
+        ),
+        (
+            lambda: CentralCrop(2000).block_size(hj.Camera()),
+            r"crop size_px must lie in \[1, 1024\], got 2000",
+        ),
+    ],
+)
+def test_wrong_blocks_are_refused(measure, message):
+    with pytest.raises(ValueError, match=message):
+        measure()
+
+
+def test_crop_and_whole_frame_lie_where_they_say(key):
+    camera = hj.Camera(100, 60)
+    assert CentralCrop(20).draw(key, camera).tolist() == [[40, 20]]
+    assert WholeFrame().draw(key, camera).tolist() == [[0, 0]]
+    assert WholeFrame().block_size(camera) == (100, 60)
+
+
+def _halo_by_brute_force(steps, gains, tolerance):
+    """Grow the halo until a worst-case line of pixels stays below the tolerance."""
+    for halo in range(1000):
+        line = np.zeros(halo + 1)  # line[0] is measured, beyond its end all is wrong
+        for step, gain in zip(steps, gains, strict=True):
+            padded = np.append(line, np.ones(int(step) + 2))
+            n, f = int(step), step - int(step)
+            mixed = [
+                (1 - f) * padded[i + n] + f * padded[i + n + 1]
+                for i in range(len(line))
+            ]
+            line = np.minimum(gain * np.array(mixed), 1.0)
+        if line[0] < tolerance / 2:
+            return halo
+    raise AssertionError
+
+
+def test_halo_agrees_with_growing_it(rng):
+    steps = rng.exponential(0.4, (20, 15, 2))
+    gains = rng.uniform(0.5, 1.1, (20, 15))
+    halos = required_halo_px(HistoryReach(steps, gains))
+    for step, gain, halo in zip(steps, gains, halos, strict=True):
+        each = [_halo_by_brute_force(step[:, axis], gain, 1e-5) for axis in (0, 1)]
+        assert halo == max(each)
+
+
+def test_halo_is_zero_at_rest_and_grows_with_motion():
+    gains = np.full((1, 22), 0.9)
+    halos = [
+        required_halo_px(HistoryReach(np.full((1, 22, 2), s), gains))[0]
+        for s in (0.0, 0.01, 0.1, 1.0, 3.0)
+    ]
+    assert halos[0] == 0
+    assert halos == sorted(halos)
+    assert halos[-1] > 22
+
+
+def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng):
+    """Change everything beyond the derived halo: the measured block does not see it."""
+    camera = hj.Camera(96, 96, fov_deg=20.0)
+    kim = hj.techniques.HeadMovement()
+    turns = np.cumsum(rng.normal(0, 4e-4, (16, 3)), axis=0)
+    poses = jax.vmap(hj.quaternion.exp)(jnp.asarray(turns))
+    motion = hj.Motion.of(poses)
+    bounds = jax.vmap(
+        lambda r: hj.camera.displacement_bound(camera, hj.Region.whole(camera), r)
+    )(motion.increment)
+    speed = np.degrees(np.linalg.norm(motion.increment, axis=1)) * 60
+    reach = kim.history_reach(speed, np.asarray(bounds))
+    halo = int(required_halo_px(HistoryReach(reach.px[None], reach.gain[None]))[0])
+    assert 4 < halo < 30
+
+    frames = rng.random((16, 96, 96, 3))
+    changed = 1 - frames
+    low, high = 48 - 8 - halo, 48 + 8 + halo
+    changed[:, low:high, low:high] = frames[:, low:high, low:high]
+    shown, other = (hj.apply(kim, camera, f, poses) for f in (frames, changed))
+    difference = np.abs(shown - other)[:, 40:56, 40:56].max()
+    assert difference < 1e-5
+    # The bound is not empty: half the halo would let more through.
+    inner = np.abs(shown - other)[:, low + 1 : high - 1, low + 1 : high - 1].max()
+    assert inner > 1e-5
