@@ -36,11 +36,14 @@ class Result(eqx.Module):
     detail_loss: Float[Array | np.ndarray, "*sessions"]
 
 
-def crop(planes: Planes, region: Region, block: Region) -> Planes:
+def crop(
+    planes: Planes, region: Region, block: Region
+) -> Float[Array, "channels block_height block_width"]:
     """Cut a block out of a region's planes; both are places in the camera frame."""
     if (region.height, region.width) == (block.height, block.width):
         return planes
-    start = (0, block.y0 - region.y0, block.x0 - region.x0)
+    place = (0, block.y0 - region.y0, block.x0 - region.x0)
+    start = [jnp.asarray(index, jnp.int32) for index in place]
     return jax.lax.dynamic_slice(
         planes, start, (planes.shape[0], block.height, block.width)
     )
@@ -146,8 +149,7 @@ def simulate(
       precision of the simulation unless a JAX float64 array comes in.
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
-    as
-      a picture's edges: history clamps there.
+      as a picture's edges: history clamps there.
 
     **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin.
 
@@ -158,6 +160,7 @@ def simulate(
     chosen gradient are exactly 0.
     """
     _checks.whole("warmup", warmup, 0)
+    _check_pose_shape(poses)
     if poses.shape[0] - warmup < 2:
         raise ValueError(
             f"poses must hold at least 2 frames after warmup = {warmup}, "
@@ -173,6 +176,13 @@ def simulate(
     return _jitted_session(
         texture, camera, technique.on_pictures(), motion, region, region, warmup=warmup
     )
+
+
+def _check_pose_shape(poses: Array | np.ndarray) -> None:
+    if poses.ndim != 2 or poses.shape[1] != 4:
+        raise ValueError(
+            f"poses must have the shape (frames, 4), got {tuple(poses.shape)}."
+        )
 
 
 def _motion(poses: Poses | Float[np.ndarray, "frames 4"], dtype: Any) -> Motion:
@@ -254,14 +264,15 @@ def apply(
     frames = jnp.asarray(frames)
     if not jnp.issubdtype(frames.dtype, jnp.floating):
         raise ValueError(f"frames must be floats in [0, 1], got {frames.dtype}.")
-    if frames.ndim == 4:
-        frames = frames[:, None]
     size = (camera.height_px, camera.width_px, 3)
-    if frames.ndim != 5 or frames.shape[2:] != size:
+    if frames.ndim not in (4, 5) or frames.shape[-3:] != size:
         raise ValueError(
             f"frames must have the camera's size {size} in their last three axes, "
             f"got shape {tuple(frames.shape)}."
         )
+    if frames.ndim == 4:
+        frames = frames[:, None]
+    _check_pose_shape(poses)
     if frames.shape[0] != poses.shape[0]:
         raise ValueError(
             f"poses must have one row per frame ({frames.shape[0]}), "
@@ -272,6 +283,12 @@ def apply(
         raise ValueError(
             f"frames must have {expected} samples per pixel for {technique.id}, "
             f"got {frames.shape[1]}."
+        )
+    mask_shape = (frames.shape[0], *size[:2])
+    if static_mask is not None and static_mask.shape != mask_shape:
+        raise ValueError(
+            f"static_mask must have the shape {mask_shape}, "
+            f"got {tuple(static_mask.shape)}."
         )
     motion = _motion(poses, frames.dtype)
     samples = jnp.moveaxis(frames, -1, 2)
@@ -310,6 +327,7 @@ def stream(
         raise ValueError(
             f"frames must have {samples} samples per pixel for {technique.id}, got 1."
         )
+    _check_pose_shape(poses)
     region = Region.whole(camera)
     path = _motion(poses, jnp.dtype(jnp.float32))
     state = None

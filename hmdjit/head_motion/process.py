@@ -129,9 +129,9 @@ class HeadMotion(eqx.Module):
 
     The laws below (`covariance`, spectra, ...) are those of the median person; over the
     population everything but the tracker's noise is multiplied by `person_power`. They
-    have the precision of this model's numbers and are right to about 30 eps, as long
-    as `return_time_s` is not below `correlation_time_s`; increments about the sum of
-    their magnitudes, where their covariance crosses 0.
+    have the precision of this model's numbers and are right to 1e-5 in float32, as long
+    as `return_time_s` is not below `correlation_time_s`; the covariance of increments,
+    which crosses 0, to 1e-5 of their variance.
 
     **Errors:** `ValueError` naming the field, the range and the value.
     """

@@ -161,8 +161,8 @@ def zone_plate(
       frequency of the default camera, half a cycle per display pixel.
     - `contrast`: in `[0, 1]`.
 
-    **Source:** F. Fresnel's plate, as used to test sampling; see e.g. Mitchell and
-    Netravali, "Reconstruction Filters in Computer Graphics", SIGGRAPH 1988.
+    **Source:** the test picture sin(x^2 + y^2) of Mitchell and Netravali,
+    "Reconstruction Filters in Computer Graphics", SIGGRAPH 1988.
     """
     _checks.in_range("radius_deg", radius_deg, 0, 90, open_low=True, open_high=True)
     _checks.in_range("cycles_per_deg", cycles_per_deg, 0, open_low=True)

@@ -133,7 +133,9 @@ def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
         name == "bool"
     ):
         raise ValueError(f"{path}: {key} must be of type {name}, got {value!r}.")
-    return path.parent / value if name == "Path" else value
+    if name == "Path":
+        return path.parent / value
+    return float(value) if name == "float" else value
 
 
 def merged(low: Options, high: Options) -> Options:

@@ -1,0 +1,206 @@
+import csv
+import re
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import PIL.Image
+import pytest
+import xarray
+
+import hmdjit as hj
+from hmdjit import cli
+from hmdjit.studies import monte_carlo
+
+SMALL = [
+    *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),
+    *("--scenes", "noise", "checkerboard", "--sessions", "6", "--frames", "3"),
+    *("--warmup", "1"),
+]
+
+
+def _poses_file(path, rows=8, rate_hz=60.0):
+    poses = hj.HeadMotion.seated().sample(jax.random.key(0), rate_hz, rows)
+    table = np.column_stack([np.arange(rows) / rate_hz, np.asarray(poses)])
+    np.savetxt(path, table, delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
+    return path
+
+
+def _frames_folder(folder, rng, count=8, size=(24, 32)):
+    folder.mkdir()
+    for k in range(count):
+        picture = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
+        PIL.Image.fromarray(picture).save(folder / f"frame_{k:03}.png")
+    return folder
+
+
+def test_a_study_writes_all_its_files_and_prints_its_table(tmp_path, capsys):
+    assert cli.run([*SMALL, "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "Compiling" in printed
+    for id in ("none", "msaa4", "head_movement", "freeze", "ssaa4"):
+        assert id in printed
+    for name in ("result.nc", "summary.csv", "ratios.png", "distributions.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+    with open(tmp_path / "out" / "summary.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["scene"] for row in rows} >= {"noise", "checkerboard", "all"}
+    with xarray.open_dataset(tmp_path / "out/result.nc", engine="h5netcdf") as data:
+        assert data.sizes["session"] == 6
+
+    # The same study again finds everything.
+    assert cli.run([*SMALL, "--out", str(tmp_path / "out")]) == 0
+
+
+def test_a_definition_file_is_overridden_by_the_command_line(tmp_path):
+    picture = np.tile(np.arange(64, dtype=np.uint8), (64, 1)) * 4
+    PIL.Image.fromarray(picture).save(tmp_path / "ramp.png")
+    (tmp_path / "study.toml").write_text(
+        "images = ['ramp.png']\ntechniques = ['none', 'head_movement']\n"
+        "width = 64\nheight = 64\nfov = 8\ntiles = 1\nsessions = 3\nframes = 3\n"
+        "warmup = 0\nout = 'there'\n[head_movement]\nw_min = 0.2\ncloseness = [0.5]\n"
+    )
+    assert cli.run(["study", str(tmp_path / "study.toml"), "--sessions", "2"]) == 0
+    with xarray.open_dataset(tmp_path / "there/result.nc", engine="h5netcdf") as data:
+        assert dict(data.sizes) == {"technique": 2, "scene": 1, "session": 2}
+        assert list(data["scene"].values) == ["ramp"]
+
+
+def test_recorded_heads_are_replayed_at_their_own_rate(tmp_path):
+    trace = _poses_file(tmp_path / "me.csv", rows=30, rate_hz=72.0)
+    out = tmp_path / "out"
+    assert cli.run([*SMALL, "--trace", str(trace), "--out", str(out)]) == 0
+    with xarray.open_dataset(out / "result.nc", engine="h5netcdf") as data:
+        assert data.attrs["refresh_hz"] == pytest.approx(72.0)
+
+
+def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(monte_carlo._Runner, "run", interrupt)
+    assert cli.run([*SMALL, "--out", str(tmp_path)]) == 130
+    assert "run the same command to go on" in capsys.readouterr().out
+
+
+def test_apply_shows_what_the_api_shows(tmp_path, rng, capsys):
+    frames = _frames_folder(tmp_path / "frames", rng)
+    poses = _poses_file(tmp_path / "poses.csv")
+    out = tmp_path / "shown"
+    arguments = ["apply", "head_movement", str(frames), str(poses), "--out", str(out)]
+    assert cli.run(arguments) == 0
+    assert "MTCD before" in capsys.readouterr().out
+
+    pictures = [np.asarray(PIL.Image.open(f)) for f in sorted(frames.iterdir())]
+    trace = hj.Trace.read(poses)
+    expected = hj.apply(
+        hj.techniques.HeadMovement(),
+        hj.Camera(32, 24, 96.0, trace.rate_hz),
+        np.stack(pictures).astype(np.float32) / 255,
+        trace.world_from_head,
+    )
+    shown = np.stack([np.asarray(PIL.Image.open(f)) for f in sorted(out.iterdir())])
+    # Half a code value of rounding, and 1e-5 where the value lies on the border.
+    assert np.abs(shown - 255 * np.asarray(expected)).max() < 0.5 + 255e-5
+
+
+WRONG_STUDIES = [
+    (["--images", "{text}"], r"notes.png"),
+    (["--images", "{missing}"], r"missing.png"),
+    (["--trace", "{nan_trace}"], r"nan.csv.*line 4.*qy"),
+    (["--techniques", "head_movment"], r"Did you mean 'head_movement'"),
+    (["--sessions", "0"], r"sessions must be a whole number >= 1, got 0"),
+    (["--frames", "1"], r"frames must be a whole number >= 2, got 1"),
+    (["--warmup", "-1"], r"warmup must be a whole number >= 0, got -1"),
+    (["--fov", "181"], r"fov_deg must lie in \(0, 180\), got 181"),
+    (["--refresh", "0"], r"refresh_hz must lie in \(0, inf\), got 0"),
+    (["--crop", "5000"], r"crop size_px must lie in \[1, 1024\], got 5000"),
+    (["--crop", "64", "--whole-frame"], r"crop and whole_frame exclude each other"),
+    (["--scenes", "nois"], r"Did you mean 'noise'"),
+    (["--baseline", "ssaa3"], r"baseline must be one of"),
+    (["{bad_key}"], r"bad_key.toml: unknown key sesions. Did you mean sessions\?"),
+    (
+        ["{bad_table}"],
+        r"unknown key head_movement.wmin. Did you mean head_movement.w_mi",
+    ),
+    (["{bad_type}"], r"bad_type.toml: sessions must be of type int, got 'many'"),
+    (["{bad_syntax}"], r"bad_syntax.toml: not a TOML file"),
+    (["{missing_toml}"], r"missing.toml: cannot be read: No such file"),
+    (["--out", "{beneath}"], r"out must be a folder that can be made"),
+]
+
+
+@pytest.fixture
+def places(tmp_path):
+    contents = {
+        "text": ("notes.png", "no picture"),
+        "nan_trace": (
+            "nan.csv",
+            "t_s,qw,qx,qy,qz\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,1,0,nan,0\n",
+        ),
+        "bad_key": ("bad_key.toml", "sesions = 3\n"),
+        "bad_table": ("bad_table.toml", "[head_movement]\nwmin = 0.3\n"),
+        "bad_type": ("bad_type.toml", "sessions = 'many'\n"),
+        "bad_syntax": ("bad_syntax.toml", "sessions = = 3\n"),
+    }
+    for name, text in contents.values():
+        (tmp_path / name).write_text(text)
+    return {key: tmp_path / name for key, (name, _) in contents.items()} | {
+        "missing": tmp_path / "missing.png",
+        "missing_toml": tmp_path / "missing.toml",
+        "beneath": tmp_path / "notes.png" / "out",
+    }
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG_STUDIES)
+def test_wrong_studies_end_in_one_clear_line(
+    arguments, message, places, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.rglob("*"))
+    filled = [argument.format(**places) for argument in arguments]
+    assert cli.run(["study", *filled]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("hmdjit: error: ")
+    assert "\n" not in error
+    assert re.search(message, error), error
+    assert set(tmp_path.rglob("*")) == before  # nothing half-written
+
+
+def test_wrong_frames_end_in_one_clear_line(tmp_path, rng, capsys):
+    frames = _frames_folder(tmp_path / "frames", rng)
+    short = _poses_file(tmp_path / "short.csv", rows=5)
+    good = _poses_file(tmp_path / "good.csv")
+    (tmp_path / "empty").mkdir()
+    cases = [
+        (["head_movement", frames, short], "8 frames .* 5 rows"),
+        (["head_movement", tmp_path / "empty", good], "at least 2 numbered PNG frames"),
+        (["head_movement", tmp_path / "none", good], "must be a folder of numbered"),
+        (["ssaa2", frames, good], "4 samples per pixel for ssaa2, got 1"),
+        (["taa", frames, good], "technique must be one of"),
+        (["none", frames, good, "--out", frames], "must differ from the folder"),
+        (["none", frames, good, "--fov", "0"], r"fov_deg must lie in \(0, 180\)"),
+    ]
+    out = ["--out", tmp_path / "shown"]
+    for arguments, message in cases:
+        given = arguments if "--out" in arguments else [*arguments, *out]
+        assert cli.run(["apply", *map(str, given)]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert re.search(message, error), error
+    assert not list((tmp_path / "shown").glob("*.png"))
+
+
+@pytest.mark.slow
+def test_the_command_itself_prints_no_traceback(tmp_path):
+    for arguments in (["study", "--fov", "181"], ["study", "--sesions", "3"], []):
+        done = subprocess.run(
+            [sys.executable, "-m", "hmdjit", *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+        assert done.returncode == 2
+        assert "Traceback" not in done.stdout + done.stderr

@@ -1,0 +1,563 @@
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from jax.flatten_util import ravel_pytree
+from scipy.spatial.transform import Rotation
+
+import hmdjit as hj
+from hmdjit import rendering, simulation
+from hmdjit.camera import displacement_bound
+from hmdjit.studies.tiles import HALO_TOLERANCE, required_halo_px
+from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
+from hmdjit.techniques.base import AbstractTechnique
+
+FRAMES = 8
+WIDTH, HEIGHT = 24, 18
+# 917 px per rad: people who sit still move the picture by some 0.3 px per frame.
+CAMERA = hj.Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=1.5, refresh_hz=60.0)
+MARGIN_PX = 16
+STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
+
+EVERY = [
+    NoAntialiasing(),
+    Freeze(),
+    MSAA(4),
+    SSAA(2),
+    SSAA(4),
+    HeadMovement(),
+    HeadMovement(resolve=SSAA(2)),
+    HeadMovement(
+        closeness=(0.3, 0.6, 0.9), difference="max_channel", space="linear"
+    ),
+    HeadMovement(difference="same_pixel"),
+]
+names = [
+    *["none", "freeze", "msaa4", "ssaa2", "ssaa4", "head_movement"],
+    *["head_movement+ssaa2", "several-linear", "same-pixel"],
+]
+
+
+def texture_of(rng, camera=CAMERA, margin_px=MARGIN_PX, dtype=float, blur_px=2.0):
+    """Smooth noise, 2 texels per pixel; the reference is another, blurred more."""
+    height, width = (
+        2 * (n + 2 * margin_px) for n in (camera.height_px, camera.width_px)
+    )
+    color = oracles.smooth_noise(rng, height, width, 2 * blur_px)
+    reference = oracles.smooth_noise(rng, height, width, 3 * blur_px)
+    return hj.Texture(
+        jnp.asarray(color, dtype), jnp.asarray(reference, dtype), 2, margin_px
+    )
+
+
+def path(rng, frames=FRAMES, rms_px=0.4, camera=CAMERA):
+    """Poses of a head whose picture moves by about `rms_px` per frame and axis."""
+    turns = rng.normal(size=(frames - 1, 3)) * rms_px / camera.focal_px
+    return oracles.poses_after(turns)
+
+
+@jax.jit
+def rendered(texture, offsets, samples):
+    """Frames `(frames, samples, h, w, 3)`, and their references."""
+
+    def at(offset):
+        region = hj.Region.whole(CAMERA)
+        frame = rendering.render(texture, CAMERA, region, offset, samples)
+        reference = rendering.reference(texture, CAMERA, region, offset)
+        return jnp.moveaxis(frame.color, 1, -1), jnp.moveaxis(reference, 0, -1)
+
+    return jax.lax.map(at, offsets)
+
+
+def offsets_of(poses):
+    rotations = Rotation.from_quat(poses, scalar_first=True)
+    return jnp.asarray((rotations[0].inv() * rotations).as_rotvec())
+
+
+def simulated(technique, texture, poses, **options):
+    return hj.simulate(texture, CAMERA, technique, jnp.asarray(poses), **options)
+
+
+# --- what a session measures ---
+
+
+@pytest.mark.parametrize("warmup", [0, 3])
+@pytest.mark.parametrize(
+    "technique", [SSAA(2), HeadMovement(w_min=0.2)], ids=lambda t: t.id
+)
+def test_a_session_measures_what_apply_displays(rng, technique, warmup):
+    texture, poses = texture_of(rng), path(rng)
+    samples = jnp.asarray(technique.sample_offsets_px[0])
+    frames, references = rendered(texture, offsets_of(poses), samples)
+    shown = np.asarray(hj.apply(technique, CAMERA, frames, poses))
+    ours = simulated(technique, texture, poses, warmup=warmup)
+    # Warm-up frames are displayed, but not measured, nor is the step out of them.
+    mtcd = oracles.mtcd(shown[warmup:])
+    loss = oracles.mse(255 * shown[warmup:], 255 * np.asarray(references)[warmup:])
+    assert mtcd > 1
+    np.testing.assert_allclose(ours.mtcd, mtcd, rtol=1e-10)
+    np.testing.assert_allclose(ours.detail_loss, loss, rtol=1e-10)
+
+
+class Counting(AbstractTechnique):
+    """Shows uniform pictures of given levels; notes what it is handed, per trace."""
+
+    levels: jax.Array
+    seen: list = eqx.field(static=True)
+
+    @property
+    def id(self):
+        return "counting"
+
+    def init(self, frame):
+        return jnp.zeros((), jnp.int32)
+
+    def step(self, state, frame, motion):
+        self.seen.append(frame)
+        picture = jnp.full_like(frame.color[0], 1.0) * self.levels[state]
+        return state + 1, picture
+
+
+class Unhashed(list):
+    """A list that may be part of a program's identity: equal to itself only."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
+    __eq__ = object.__eq__
+
+
+def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng):
+    texture = texture_of(rng)
+    levels = rng.random(FRAMES)
+    technique = Counting(jnp.asarray(levels), Unhashed())
+    grey = np.repeat(levels[:, None], 3, axis=1)[:, None, None]
+    for warmup in (0, 2, FRAMES - 2):
+        ours = simulated(technique, texture, path(rng), warmup=warmup)
+        expected = oracles.mtcd(grey[warmup:])
+        np.testing.assert_allclose(ours.mtcd, expected, rtol=1e-12)
+
+
+def test_one_compilation_serves_all_numbers(rng):
+    # Camera, poses, texture, region and the technique's numbers are leaves.
+    technique = Counting(jnp.asarray(rng.random(FRAMES)), Unhashed())
+    simulated(technique, texture_of(rng), path(rng))
+    traces = len(technique.seen)
+    assert traces >= 1
+    other = eqx.tree_at(lambda t: t.levels, technique, jnp.asarray(rng.random(FRAMES)))
+    camera = hj.Camera(WIDTH, HEIGHT, fov_deg=2.0, refresh_hz=90.0)
+    poses = jnp.asarray(path(rng))
+    hj.simulate(texture_of(rng), camera, other, poses)
+    hj.simulate(
+        texture_of(rng), camera, other, poses, region=hj.Region(0, 0, WIDTH, HEIGHT)
+    )
+    assert len(technique.seen) == traces
+
+
+def test_one_compilation_serves_all_numbers_of_head_movement(rng):
+    texture, poses = texture_of(rng), jnp.asarray(path(rng))
+    region = hj.Region.whole(CAMERA)
+
+    @jax.jit
+    @eqx.debug.assert_max_traces(max_traces=1)
+    def mtcd(technique):
+        motion = hj.Motion.of(poses)
+        return simulation.session(
+            texture, CAMERA, technique, motion, region, region, 0
+        ).mtcd
+
+    values = [
+        mtcd(HeadMovement(w_min=w_min, h_max_deg_s=h_max, closeness=(d,)))
+        for w_min, h_max, d in [(0.3, 25.0, 0.5), (0.2, 25.0, 0.5), (0.2, 40.0, 0.9)]
+    ]
+    assert len({float(value) for value in values}) == 3
+
+
+def test_a_technique_is_handed_colour_and_nothing_else(rng):
+    technique = Counting(jnp.zeros(FRAMES), Unhashed())
+    simulated(technique, texture_of(rng), path(rng))
+    for frame in technique.seen:
+        assert frame.color.shape == (1, 3, HEIGHT, WIDTH)
+        assert frame.static_mask is None
+        arrays = jax.tree.leaves(eqx.tree_at(lambda f: f.color, frame, None))
+        assert all(jnp.ndim(number) == 0 for number in arrays)
+
+
+def program(technique, texture):
+    """The arguments that a compiled session keeps, and the shapes it carries."""
+    region = hj.Region.whole(CAMERA)
+
+    def run(offset, increment):
+        motion = hj.Motion(offset, increment)
+        return simulation.session(
+            texture, CAMERA, technique, motion, region, region, 0
+        )
+
+    zeros = jnp.zeros((FRAMES, 3))
+    text = jax.jit(run).lower(zeros, zeros).as_text()
+    (signature,) = re.findall(r"@main\((.*?)\) ->", text)
+    jaxpr = jax.make_jaxpr(run)(zeros, zeros)
+    (scan,) = (e for e in jaxpr.eqns if e.primitive.name == "scan")
+    first = scan.params["num_consts"]
+    carried = scan.invars[first : first + scan.params["num_carry"]]
+    return signature.count("%arg"), [v.aval.shape for v in carried if v.aval.ndim]
+
+
+def test_a_program_holds_only_what_its_technique_needs(rng):
+    texture = texture_of(rng)
+    displayed, history = (3, HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)
+    # Spatial techniques carry the displayed picture, for MTCD, and no history; how the
+    # head turned since the last frame is not even an argument.
+    assert program(NoAntialiasing(), texture) == (1, [displayed])
+    assert program(SSAA(2), texture) == (1, [displayed])
+    assert program(HeadMovement(), texture) == (2, [history, displayed])
+
+
+def test_what_does_not_remember_does_not_run_its_warm_up(rng):
+    texture, poses = texture_of(rng), path(rng)
+    others = poses.copy()
+    others[1:3] = path(rng)[1:3]  # the first pose stays: the hold pose
+    for technique, is_same in [(NoAntialiasing(), True), (HeadMovement(), False)]:
+        results = [simulated(technique, texture, p, warmup=3) for p in (poses, others)]
+        assert (results[0].mtcd == results[1].mtcd) == is_same
+
+
+# --- exact relations between techniques ---
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_on_a_picture_multisampling_changes_nothing(rng, dtype):
+    texture = texture_of(rng, dtype=dtype)
+    poses = path(rng).astype(dtype)
+    for plain, multisampled in [
+        (NoAntialiasing(), MSAA(4)),
+        (HeadMovement(), HeadMovement(resolve=MSAA(8))),
+    ]:
+        ours, expected = (
+            simulated(t, texture, poses) for t in (multisampled, plain)
+        )
+        assert ours.mtcd.dtype == dtype
+        assert (ours.mtcd, ours.detail_loss) == (expected.mtcd, expected.detail_loss)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_a_frozen_picture_does_not_flicker_and_the_reference_loses_nothing(rng, dtype):
+    texture = texture_of(rng, dtype=dtype)
+    poses = path(rng).astype(dtype)
+    frozen = simulated(Freeze(), texture, poses)
+    assert frozen.mtcd == 0
+    assert frozen.detail_loss > 0
+    reference = simulated(SSAA(4), texture, poses)
+    assert reference.detail_loss == 0
+    assert reference.mtcd > 0
+
+
+def test_a_fast_head_sees_no_antialiasing(rng):
+    # 25 deg/s are 6.7 px per frame here.
+    texture = texture_of(rng, margin_px=60)
+    turns = np.tile([0.0, 7.0 / CAMERA.focal_px, 0.0], (FRAMES - 1, 1))
+    poses = oracles.poses_after(turns)
+    ours, expected = (
+        simulated(t, texture, poses) for t in (HeadMovement(), NoAntialiasing())
+    )
+    np.testing.assert_allclose(ours.mtcd, expected.mtcd, rtol=1e-13)
+    np.testing.assert_allclose(ours.detail_loss, expected.detail_loss, rtol=1e-13)
+
+
+def test_float32_agrees_with_float64(rng):
+    texture, poses = texture_of(rng), path(rng)
+    exact = simulated(HeadMovement(), texture, poses)
+    small = jax.tree.map(lambda x: x.astype(jnp.float32), texture)
+    # NumPy poses, float64 or not, are simulated in float32.
+    ours = hj.simulate(small, CAMERA, HeadMovement(), poses)
+    assert ours.mtcd.dtype == jnp.float32
+    # Displacements of 1 px err by 1e-6 px, colours by 1e-6 of code values of some 10.
+    np.testing.assert_allclose(ours.mtcd, exact.mtcd, rtol=1e-5)
+    np.testing.assert_allclose(ours.detail_loss, exact.detail_loss, rtol=1e-5)
+
+
+def test_the_world_has_no_direction(rng):
+    # Turned as a whole, a path is the same session.
+    texture, poses = texture_of(rng), path(rng)
+    rotations = Rotation.random(rng=rng) * Rotation.from_quat(poses, scalar_first=True)
+    turned = rotations.as_quat(scalar_first=True)
+    turned[2] *= -1  # the same rotation
+    ours, expected = (simulated(HeadMovement(), texture, p) for p in (turned, poses))
+    np.testing.assert_allclose(ours.mtcd, expected.mtcd, rtol=1e-11)
+
+
+def test_a_scene_is_baked_at_the_door():
+    scene = hj.scenes.zone_plate()
+    camera = hj.Camera(width_px=16, height_px=12, fov_deg=20.0)
+    poses = jnp.asarray(path(np.random.default_rng(3), 3, camera=camera))
+    ours = hj.simulate(scene, camera, NoAntialiasing(), poses)
+    texture = hj.scenes.bake(scene, camera, dtype=jnp.float64)
+    expected = hj.simulate(texture, camera, NoAntialiasing(), poses)
+    assert (ours.mtcd, ours.detail_loss) == (expected.mtcd, expected.detail_loss)
+    assert ours.mtcd > 0
+
+
+# --- tiles ---
+
+WIDE = hj.Camera(width_px=160, height_px=120, fov_deg=50.0, refresh_hz=60.0)
+BLOCK = hj.Region(64, 56, 16, 16)
+FAR = HeadMovement(w_min=0.2, w_lb=0.15, closeness=(0.1,))  # a long memory, moved far
+
+
+def drift(frames=10, speed_deg_s=6.0):
+    """A head that keeps turning left, up and over."""
+    axis = np.array([0.4, 0.9, 0.1])
+    axis /= np.linalg.norm(axis)
+    turn = np.radians(speed_deg_s) / WIDE.refresh_hz * axis
+    return oracles.poses_after(np.tile(turn, (frames - 1, 1)))
+
+
+@pytest.fixture(scope="module")
+def halo():
+    motion = hj.Motion.of(jnp.asarray(drift()))
+    near = hj.Region(BLOCK.x0 - 32, BLOCK.y0 - 32, 80, 80)
+    bounds = jax.vmap(lambda r: displacement_bound(WIDE, near, r))(motion.increment)
+    speed = np.degrees(np.linalg.norm(motion.increment, axis=-1)) * WIDE.refresh_hz
+    needed = required_halo_px(FAR.history_reach(speed, np.asarray(bounds)))
+    assert 4 <= needed <= 32
+    return int(needed)
+
+
+def within(clip, block):
+    rows, columns = (slice(a, a + 16) for a in (block.y0, block.x0))
+    return np.asarray(clip)[:, rows, columns]
+
+
+def test_nothing_beyond_the_halo_reaches_the_block(rng, halo):
+    frames = rng.random((10, 120, 160, 3))
+    poses = drift()
+    expected = within(hj.apply(FAR, WIDE, jnp.asarray(frames), poses), BLOCK)
+
+    def effect(halo):
+        rows, columns = (
+            slice(a - halo, a + 16 + halo) for a in (BLOCK.y0, BLOCK.x0)
+        )
+        worst = np.round(1 - frames)  # as far away as colours can be
+        worst[:, rows, columns] = frames[:, rows, columns]
+        shown = within(hj.apply(FAR, WIDE, jnp.asarray(worst), poses), BLOCK)
+        return np.abs(shown - expected).max()
+
+    assert effect(halo) < HALO_TOLERANCE
+    # It is the halo that keeps it out, and it is not far too wide.
+    assert effect(halo // 3) > HALO_TOLERANCE
+
+
+def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
+    texture, poses = texture_of(rng, WIDE, 24, blur_px=0.6), jnp.asarray(drift())
+    whole = hj.Region.whole(WIDE)
+    side = 16 + 2 * halo
+    tile = hj.Region(BLOCK.x0 - halo, BLOCK.y0 - halo, side, side)
+
+    @jax.jit
+    def measured(region):
+        motion = hj.Motion.of(poses)
+        return simulation.session(texture, WIDE, FAR, motion, region, BLOCK, 2)
+
+    ours, expected = measured(tile), measured(whole)
+    # Each pixel of each frame errs by less than the tolerance, all in one direction.
+    colour = 255 * HALO_TOLERANCE
+    assert expected.mtcd > 1
+    np.testing.assert_allclose(
+        ours.mtcd, expected.mtcd, rtol=0, atol=2 * np.sqrt(3) * colour
+    )
+    rms = np.sqrt(expected.detail_loss)
+    np.testing.assert_allclose(
+        ours.detail_loss, expected.detail_loss, rtol=0, atol=2 * rms * colour + colour**2
+    )
+
+
+def test_a_region_may_be_simulated_alone(rng):
+    texture, poses = texture_of(rng), jnp.asarray(path(rng))
+    part = hj.Region(4, 6, 8, 8)
+    ours = hj.simulate(texture, CAMERA, NoAntialiasing(), poses, region=part)
+    frames, _ = rendered(texture, offsets_of(poses), jnp.zeros((1, 2)))
+    expected = oracles.mtcd(np.asarray(frames)[:, 0, 6:14, 4:12])
+    np.testing.assert_allclose(ours.mtcd, expected, rtol=1e-10)
+
+
+# --- where a session ends ---
+
+
+def test_a_head_that_leaves_the_margin_is_refused(rng):
+    texture = texture_of(rng)
+    turns = np.tile([0.0, 3.0 / CAMERA.focal_px, 0.0], (FRAMES - 1, 1))
+    poses = oracles.poses_after(turns)
+    message = r"^poses must stay within the texture's margin of 16 px, got up to 21.\d px"
+    with pytest.raises(ValueError, match=message):
+        simulated(NoAntialiasing(), texture, poses)
+
+    @jax.jit
+    def traced(poses):
+        return hj.simulate(texture, CAMERA, NoAntialiasing(), poses)
+
+    result = traced(jnp.asarray(poses))
+    assert jnp.isnan(result.mtcd)
+    assert jnp.isnan(result.detail_loss)
+    result = traced(jnp.asarray(poses[::-1][:4].repeat(2, axis=0)))
+    assert jnp.isfinite(result.mtcd)
+
+
+@pytest.mark.parametrize(
+    ("poses", "warmup", "message"),
+    [
+        (STILL, FRAMES - 1, r"^poses must hold at least 2 frames after warmup = 7, got 8"),
+        (STILL, -1, r"^warmup must be a whole number >= 0, got -1.$"),
+        (STILL[:, :3], 0, r"^poses must have the shape \(frames, 4\), got \(8, 3\).$"),
+        (STILL[0], 0, r"^poses must have the shape \(frames, 4\), got \(4,\).$"),
+        (2 * STILL, 0, r"^poses\[0\] must have a length in \[0.99, 1.01\], got 2.$"),
+        (np.nan * STILL, 0, r"^poses\[0\] must have a length in .*, got nan.$"),
+    ],
+)
+def test_what_is_no_session_is_refused(rng, untyped, poses, warmup, message):
+    texture = texture_of(rng)
+    with pytest.raises(ValueError, match=message):
+        hj.simulate(texture, CAMERA, NoAntialiasing(), poses, warmup=warmup)
+
+
+# --- apply and stream ---
+
+
+@pytest.mark.parametrize(
+    ("shape", "poses", "technique", "message"),
+    [
+        ((8, 9, 9, 3), STILL, "none", r"^frames must have the camera's size \(18, 24, 3\)"),
+        ((8, 18, 24, 4), STILL, "none", r"^frames must .*, got shape \(8, 18, 24, 4\).$"),
+        ((18, 24, 3), STILL, "none", r"^frames must .*, got shape \(18, 24, 3\).$"),
+        ((7, 18, 24, 3), STILL, "none", r"^poses must have one row per frame \(7\), got 8"),
+        ((8, 18, 24, 3), STILL, "ssaa2", r"^frames must have 4 samples per pixel for ssaa2"),
+        ((8, 2, 18, 24, 3), STILL, "none", r"^frames must have 1 samples .* got 2.$"),
+        ((8, 18, 24, 3), 3 * STILL, "none", r"^poses\[0\] must have a length in .* got 3.$"),
+        ((8, 18, 24, 3), STILL[:, 1:], "none", r"^poses must have the shape \(frames, 4\)"),
+    ],
+)
+def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, message):
+    technique = hj.techniques.by_id(technique)
+    with pytest.raises(ValueError, match=message) as error:
+        hj.apply(technique, CAMERA, np.zeros(shape), poses)
+    assert "\n" not in str(error.value)
+
+
+def test_frames_of_whole_numbers_are_refused():
+    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    with pytest.raises(ValueError, match=r"^frames must be floats in \[0, 1\], got uint8"):
+        hj.apply(NoAntialiasing(), CAMERA, jnp.asarray(frames), STILL)
+
+
+@pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])
+def test_a_mask_that_does_not_fit_is_refused(untyped, shape):
+    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3))
+    mask = np.ones(shape, bool)
+    message = r"^static_mask must have the shape \(8, 18, 24\), got \("
+    with pytest.raises(ValueError, match=message):
+        hj.apply(HeadMovement(), CAMERA, frames, STILL, static_mask=mask)
+
+
+@pytest.mark.parametrize("technique", [HeadMovement(), Freeze()], ids=lambda t: t.id)
+def test_a_stream_shows_what_a_clip_shows(rng, technique):
+    frames = rng.random((FRAMES, HEIGHT, WIDTH, 3)).astype(np.float32)
+    poses = path(rng)
+    expected = hj.apply(technique, CAMERA, jnp.asarray(frames), poses)
+    ours = list(simulation.stream(technique, CAMERA, iter(frames), poses))
+    assert len(ours) == FRAMES
+    # One program and another may fuse differently: an ulp per step, which fades.
+    np.testing.assert_allclose(np.stack(ours), expected, rtol=0, atol=3e-7)
+
+
+def test_a_stream_of_one_sample_per_pixel_cannot_be_resolved(rng):
+    message = "^frames must have 4 samples per pixel for ssaa2, got 1.$"
+    with pytest.raises(ValueError, match=message):
+        next(simulation.stream(SSAA(2), CAMERA, iter([]), STILL))
+
+
+# --- derivatives ---
+
+
+def parameters():
+    """Kim's numbers and the head's, float64."""
+    numbers = {
+        "kim": HeadMovement(w_min=0.35, w_lb=0.15, h_max_deg_s=12.0, closeness=(0.6,)),
+        "head": hj.HeadMotion.seated(),
+    }
+    return jax.tree.map(lambda x: jnp.asarray(x, float), numbers)
+
+
+def test_gradients_agree_with_central_differences(rng):
+    texture = texture_of(rng)
+    start, unravel = ravel_pytree(parameters())
+
+    def measured(scale):
+        """MTCD and detail loss as a function of each parameter's relative change."""
+        p = unravel(scale * start)
+        poses = p["head"].sample(jax.random.key(4), 60.0, FRAMES)
+        result = hj.simulate(texture, CAMERA, p["kim"], poses, warmup=1)
+        return jnp.stack([result.mtcd, result.detail_loss])
+
+    at = np.ones(len(start))
+    assert len(start) == 15
+    # Bilinear reads are smooth but where a source crosses a pixel's centre. A relative
+    # change of 1e-6 moves sources by 1e-6 px: of 7,000 reads none crosses. Values of
+    # about 100 round to 1e-13, differences to 1e-7.
+    expected = oracles.jacobian(jax.jit(measured), at, step=1e-6)
+    assert (np.abs(expected[0]) > 1e-5).all()  # every parameter moves MTCD
+    reverse = jax.jit(jax.jacrev(measured))(jnp.asarray(at))
+    np.testing.assert_allclose(reverse, expected, rtol=1e-5, atol=1e-6)
+    tangent = rng.normal(size=len(start))
+    _, forward = jax.jit(lambda t: jax.jvp(measured, (jnp.asarray(at),), (t,)))(
+        jnp.asarray(tangent)
+    )
+    np.testing.assert_allclose(forward, reverse @ tangent, rtol=1e-9)
+
+
+SMALL = hj.Camera(width_px=8, height_px=6, fov_deg=0.5, refresh_hz=60.0)
+
+
+def small_mtcd(texture, technique, poses):
+    return hj.simulate(texture, SMALL, technique, poses).mtcd
+
+
+@pytest.mark.parametrize("technique", EVERY, ids=names)
+def test_at_rest_mtcd_and_its_gradient_are_exactly_0(rng, technique):
+    texture = texture_of(rng, SMALL, 4)
+    numbers, kinds = eqx.partition(
+        jax.tree.map(lambda x: jnp.asarray(x, float), technique), eqx.is_array
+    )
+
+    @jax.jit
+    def measured(poses, numbers):
+        technique = eqx.combine(numbers, kinds)
+        result = hj.simulate(texture, SMALL, technique, poses)
+        return result.mtcd, result.detail_loss
+
+    poses = jnp.asarray(STILL[:4])
+    (mtcd, loss), pull = jax.vjp(measured, poses, numbers)
+    assert mtcd == 0
+    assert jnp.isfinite(loss)
+    for gradient in jax.tree.leaves(pull((jnp.ones(()), jnp.zeros(())))):
+        np.testing.assert_array_equal(gradient, jnp.zeros_like(gradient))
+    for gradient in jax.tree.leaves(pull((jnp.zeros(()), jnp.ones(())))):
+        assert jnp.isfinite(gradient).all()
+
+
+def test_batches_and_gradients_commute(rng):
+    texture = texture_of(rng, SMALL, 6)
+    paths = jnp.stack([jnp.asarray(path(rng, 4, camera=SMALL)) for _ in range(3)])
+    technique = jax.tree.map(lambda x: jnp.asarray(x, float), HeadMovement())
+    mtcd = lambda t, poses: small_mtcd(texture, t, poses)
+    gradient = jax.jit(jax.grad(mtcd, argnums=(0, 1)))
+    one_by_one = [gradient(technique, poses) for poses in paths]
+    of_batch = jax.jit(jax.vmap(jax.grad(mtcd, argnums=(0, 1)), (None, 0)))
+    total = lambda t, paths: jax.vmap(mtcd, (None, 0))(t, paths).sum()
+    of_total = jax.jit(jax.grad(total, argnums=(0, 1)))
+    batch, summed = of_batch(technique, paths), of_total(technique, paths)
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *one_by_one)
+    jax.tree.map(close, batch, stacked)
+    jax.tree.map(lambda a, b: close(a.sum(0), b), batch[0], summed[0])
+    close(batch[1], summed[1])
