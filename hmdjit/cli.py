@@ -182,7 +182,7 @@ class _Bar:
         self._bar.__enter__()
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, *exception: Any) -> None:
         self._bar.__exit__(*exception)
 
     def __call__(self, event: Progress) -> None:

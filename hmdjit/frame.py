@@ -115,11 +115,15 @@ class History(eqx.Module):
         height, width, _ = self.texels.shape
         column = jnp.arange(width, dtype=jnp.int32)[None, :]
         row = jnp.arange(height, dtype=jnp.int32)[:, None]
-        return _read(self.texels, column, row, *displacement.px())
+        return _read(self.texels, column, row, displacement)
 
 
 class Texture(eqx.Module):
     """A scene seen from the hold pose, baked: the image plane with a margin around it.
+
+    Texel `k (i + margin_px)` of a row, k the oversampling, has its centre in that of
+    pixel column i, and the k - 1 after it lie evenly between it and the next: the hold
+    pose reads the scene exactly.
 
     - `color`: gamma colour at each texel's centre, shape `(height, width, 3)`.
     - `supersampled`: the SSAA(4) reference at each texel's centre: 16 samples over one
@@ -139,31 +143,33 @@ class Texture(eqx.Module):
         region = displacement.region
         column = scale * (region.columns() + self.margin_px)
         row = scale * (region.rows() + self.margin_px)
-        dx, dy = displacement.px()
-        # The centre of a pixel lies (scale - 1) / 2 texels from its first texel's.
-        first = (scale - 1) / 2
         texels = self.supersampled if supersampled else self.color
-        return _read(texels, column, row, scale * dx + first, scale * dy + first)
+        return _read(texels, column, row, displacement, scale)
 
 
 def _read(
     texels: Texels,
     column: Array,
     row: Array,
-    dx: Plane,
-    dy: Plane,
+    displacement: Displacement,
+    scale: int = 1,
 ) -> Planes:
     """Bilinear read behind a boundary that XLA does not fuse across.
 
     On the CPU, XLA would gather anew for every use of the result, six times in a
-    blend; only a conditional that it cannot decide stops it. A displacement that is
-    not finite gives NaN, so the condition also means something.
+    blend; only a conditional that it cannot decide stops it. A rotation that is not
+    finite gives NaN, so the condition also means something.
     """
-    is_finite = jnp.isfinite(dx).all() & jnp.isfinite(dy).all()
-    shape = (texels.shape[-1], *dx.shape)
+    region = displacement.region
+    shape = (texels.shape[-1], region.height, region.width)
+
+    def read() -> Planes:
+        dx, dy = displacement.px()
+        return resampling.bilinear(texels, column, row, scale * dx, scale * dy)
+
     return jax.lax.cond(
-        is_finite,
-        lambda: resampling.bilinear(texels, column, row, dx, dy),
+        jnp.isfinite(displacement.rotation).all(),
+        read,
         lambda: jnp.full(shape, jnp.nan, texels.dtype),
     )
 

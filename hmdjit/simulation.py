@@ -244,7 +244,7 @@ def apply(
     frames: Float[Array, "..."] | Float[np.ndarray, "..."],
     poses: Poses | Float[np.ndarray, "frames 4"],
     *,
-    static_mask: Bool[Array, "frames height width"] | None = None,
+    static_mask: Bool[Array | np.ndarray, "frames height width"] | None = None,
 ) -> Clip:
     """Run a technique on frames that were rendered elsewhere.
 
@@ -285,14 +285,14 @@ def apply(
             f"got {frames.shape[1]}."
         )
     mask_shape = (frames.shape[0], *size[:2])
-    if static_mask is not None and static_mask.shape != mask_shape:
+    mask = None if static_mask is None else jnp.asarray(static_mask, bool)
+    if mask is not None and mask.shape != mask_shape:
         raise ValueError(
-            f"static_mask must have the shape {mask_shape}, "
-            f"got {tuple(static_mask.shape)}."
+            f"static_mask must have the shape {mask_shape}, got {tuple(mask.shape)}."
         )
     motion = _motion(poses, frames.dtype)
     samples = jnp.moveaxis(frames, -1, 2)
-    shown = _displayed(technique, camera, samples, motion, static_mask)
+    shown = _displayed(technique, camera, samples, motion, mask)
     return jnp.moveaxis(shown, 1, -1)
 
 

@@ -104,7 +104,7 @@ def test_pair_distance_is_a_metric(rng):
 
 
 def test_mtcd_of_one_picture_is_refused(rng):
-    with pytest.raises(ValueError, match="^clip must have at least 2 frames, got 1"):
+    with pytest.raises(ValueError, match=r"^clip must have at least 2 frames, got 1"):
         metrics.mtcd(jnp.asarray(rng.random((1, *SIZE[1:]))))
 
 

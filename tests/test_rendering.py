@@ -101,7 +101,9 @@ def test_a_sample_is_the_texture_where_its_turned_ray_meets_it(noise, region):
         past = oracles.source_position(
             WIDTH, HEIGHT, FOV_DEG, TURN, x + sample[0], y + sample[1]
         )
-        expected = oracles.bilinear_at(np.asarray(noise.color), *(2 * (past + noise.margin_px)))
+        expected = oracles.bilinear_at(
+            np.asarray(noise.color), *(2 * (past + noise.margin_px - 0.5) + 0.5)
+        )
         # 40 texels, a few roundings, slopes of at most 2.
         np.testing.assert_allclose(
             ours, np.moveaxis(expected, -1, 0), rtol=0, atol=1e-13

@@ -104,7 +104,7 @@ def test_float32_is_right_to_a_thousandth_of_a_pixel(rng, increment_rad):
 
 
 def test_only_pixels_whose_past_was_seen_are_inside():
-    # d = 0, a yaw to the left of 2.5 px or more: the leftmost columns come from outside.
+    # d = 0, a yaw to the left by 2.5 px or more: the left columns come from outside.
     yaw = np.arctan(2.5 / oracles.focal_px(WIDTH, FOV_DEG))
     increment = jnp.asarray([0.0, yaw, 0.0])
     past_x = (

@@ -25,12 +25,12 @@ def test_a_session_depends_on_its_number_only():
     whole = _sessions(9).batch(0, 9)
     for start, size in ((0, 4), (4, 4), (8, 4)):
         part = _sessions(9).batch(start, size)
-        chosen = slice(start, start + part.count)
+        chosen = slice(start, start + part.size)
         np.testing.assert_array_equal(part.origins, whole.origins[chosen])
         np.testing.assert_array_equal(
             part.motion.increment, whole.motion.increment[chosen]
         )
-    assert part.count == 1
+    assert part.size == 1
 
 
 def test_sessions_and_seeds_differ():

@@ -139,8 +139,8 @@ class HeadMotion(eqx.Module):
     speed_rms_deg_s: _PerAxis = eqx.field(converter=_per_axis)
     correlation_time_s: _PerAxis = eqx.field(converter=_per_axis)
     tracker_noise_deg: _PerAxis = eqx.field(converter=_per_axis)
-    return_time_s: Scalar = eqx.field(converter=_checks.number)
-    person_sd: Scalar = eqx.field(converter=_checks.number)
+    return_time_s: Scalar = eqx.field(converter=_checks.number, default=15.0)
+    person_sd: Scalar = eqx.field(converter=_checks.number, default=0.17)
 
     def __check_init__(self):
         for name in ("speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"):

@@ -229,7 +229,7 @@ def _paint(
     focal = jnp.asarray(camera.focal_px, dtype)
     origin_x = margin_px + camera.width_px / 2
     origin_y = margin_px + camera.height_px / 2
-    first_sample = 0.5 / oversampling + 0.5 / _SAMPLES - 0.5  # from a texel's side
+    first_sample = 0.5 / _SAMPLES - 0.5  # from a texel's centre
 
     def seen(column_px: Float[Array, " w"], row_px: Float[Array, " h"]) -> Colors:
         x = ((column_px - origin_x) / focal)[None, :]
@@ -238,20 +238,18 @@ def _paint(
         return scene.color(camera, jnp.stack([x, y, -jnp.ones_like(x)]))
 
     def texels(first: Int[Array, ""] | int, count: int) -> Float[Array, " count"]:
-        """Position of the left or upper side of texels, px."""
-        return (first + jnp.arange(count, dtype=jnp.int32)).astype(dtype) / oversampling
+        """Position of texels' centres, px; the first one's is that of a pixel."""
+        index = (first + jnp.arange(count, dtype=jnp.int32)).astype(dtype)
+        return 0.5 + index / oversampling
 
     def samples(first: Int[Array, ""] | int, count: int) -> Float[Array, " samples"]:
         """List the first sample of each group, then the second of each, ..."""
         in_group = jnp.arange(group, dtype=jnp.int32).astype(dtype) / _SAMPLES
-        side = first_sample + in_group[:, None] + texels(first, count)[None, :]
-        return side.reshape(-1)
+        position = first_sample + in_group[:, None] + texels(first, count)[None, :]
+        return position.reshape(-1)
 
     def strip(first_row: Int[Array, ""]) -> tuple[Float[Array, "rows w 3"], ...]:
-        center = 0.5 / oversampling
-        colors = seen(
-            center + texels(0, width), center + texels(first_row, _STRIP_ROWS)
-        )
+        colors = seen(texels(0, width), texels(first_row, _STRIP_ROWS))
         gamma = seen(samples(0, groups), samples(first_row, strip_groups))
         light = color.decode(gamma)
         light = light.reshape(3, group, strip_groups, group, groups).sum((1, 3))

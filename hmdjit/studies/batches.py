@@ -78,4 +78,5 @@ class Store:
                 np.savez(file, mtcd=result.mtcd, detail_loss=result.detail_loss)
 
     def _path(self, name: str, key: str) -> Path:
+        assert self._folder is not None
         return self._folder / f"{name}-{key[:16]}.npz"

@@ -45,7 +45,7 @@ MOST_FAILED = 1e-3
 """Share of the sessions; a study in which more than that fail is stopped."""
 
 _PILOT_SESSIONS = 256
-_NEAR_PX = 64  # how far around a block its displacement bounds hold
+_NEAR_PX = 32  # how far around a block its displacements are bounded
 
 
 class FailedSessionsError(RuntimeError):
@@ -188,9 +188,9 @@ class _Runner:
     ) -> Int[np.ndarray, " sessions"]:
         """Halo of each session, px: the usual one, doubled until it suffices."""
         need = self._needed_halo(technique, batch)
-        halo = np.full(batch.count, self._usual_halo[technique])
+        halo = np.full(batch.size, self._usual_halo[technique])
         while (short := halo < need).any():
-            halo[short] *= 2
+            halo[short] = np.maximum(2 * halo[short], 4)
         return halo
 
     def is_wide(self, technique: AbstractTechnique, batch: Batch) -> np.ndarray:
@@ -205,14 +205,14 @@ class _Runner:
         speed_deg_s = np.degrees(speed) * float(self.camera.refresh_hz)
 
         def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
-            bounds = _motion_bounds(self.camera, batch, self.block, around_px)
-            reach = technique.history_reach(speed_deg_s, np.asarray(bounds))
-            none = np.zeros(batch.count, int)
+            span = _motion_span(self.camera, batch, self.block, around_px)
+            reach = technique.history_reach(speed_deg_s, span)
+            none = np.zeros(batch.size, int)
             needed = none if reach is None else required_halo_px(reach)
             return needed + technique.stencil_radius_px
 
         if self.block == frame:
-            return np.zeros(batch.count, int)
+            return np.zeros(batch.size, int)
         needed = halo(_NEAR_PX)
         # Wider halos reach pixels that may move faster: bound them by the whole frame.
         return np.where(needed > _NEAR_PX, halo(max(frame)), needed)
@@ -226,8 +226,8 @@ class _Runner:
         multiple: int,
     ) -> Result:
         multiple = int(np.lcm(multiple, self.mesh.size))
-        padded = -(-batch.count // multiple) * multiple
-        filled = batch.select(np.resize(np.arange(batch.count), padded))
+        padded = -(-batch.size // multiple) * multiple
+        filled = batch.select(np.resize(np.arange(batch.size), padded))
         result = _measure(
             texture,
             self.camera,
@@ -239,7 +239,7 @@ class _Runner:
             halo=halo,
             warmup=self.study.warmup,
         )
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.count], result)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
 @partial(jax.jit, static_argnames=("mesh", "block", "halo", "warmup"))
@@ -287,32 +287,36 @@ def _measure(
 
 
 @partial(jax.jit, static_argnames=("block", "around_px"))
-def _bounds(
+def _spans(
     camera: Camera,
     increments: Float[Array, "sessions frames 3"],
     origins: Int[Array, "sessions blocks 2"],
     block: tuple[int, int],
     around_px: int,
-) -> Float[Array, "sessions frames 2"]:
+) -> Float[Array, "blocks sessions frames 2 2"]:
     width, height = (side + 2 * around_px for side in block)
 
-    def bound(increment: Array, origin: Array) -> Array:
+    def span(increment: Array, origin: Array) -> Array:
         x0, y0 = origin - around_px
-        region = Region(x0, y0, width, height)
-        return pinhole.displacement_bound(camera, region, increment)
+        return pinhole.displacement_range(
+            camera, Region(x0, y0, width, height), increment
+        )
 
-    over_blocks = jax.vmap(bound, (None, 0))
-    over_frames = jax.vmap(over_blocks, (0, None))
-    return jnp.max(jax.vmap(over_frames)(increments, origins), axis=2)
+    over_frames = jax.vmap(span, (0, None))
+    over_sessions = jax.vmap(over_frames, (0, 0))
+    return jax.vmap(over_sessions, (None, 1))(increments, origins)
 
 
-def _motion_bounds(
+def _motion_span(
     camera: Camera, batch: Batch, block: tuple[int, int], around_px: int
-) -> Float[Array, "sessions frames 2"]:
-    """Largest displacement of a session's blocks by each increment, px."""
-    return _bounds(
-        camera, batch.motion.increment, batch.origins, block, around_px=around_px
+) -> Float[np.ndarray, "sessions frames 2 2"]:
+    """Range of displacements of a session's blocks by each increment, px."""
+    increments = batch.motion.increment
+    spans = np.asarray(
+        _spans(camera, increments, batch.origins, block, around_px=around_px)
     )
+    low, high = spans[..., 0, :].min(axis=0), spans[..., 1, :].max(axis=0)
+    return np.stack([low, high], axis=-2)
 
 
 class _Run:
@@ -356,11 +360,11 @@ class _Run:
             texture = None
             for start in starts:
                 batch = self.sessions.batch(start, self.batch_size)
-                here = slice(start, start + batch.count)
+                here = slice(start, start + batch.size)
                 for technique, places in self.runs.items():
                     file = f"{technique.id}-{name}-{start}"
                     key = fingerprint(
-                        self.identity, scene_key, technique, start, batch.count
+                        self.identity, scene_key, technique, start, batch.size
                     )
                     result = self.store.find(file, key)
                     if result is None:
@@ -370,11 +374,11 @@ class _Run:
                         self._say(f"{name}: {technique.id}", done, fresh)
                         result = self.runner.run(technique, texture, batch)
                         self.store.keep(file, key, result)
-                        fresh += batch.count * len(places)
+                        fresh += batch.size * len(places)
                     self.mtcd[places, s, here] = result.mtcd
                     self.detail_loss[places, s, here] = result.detail_loss
                     self.ran[places, s, here] = True
-                    done += batch.count * len(places)
+                    done += batch.size * len(places)
                     self._say(f"{name}: {technique.id}", done, fresh)
                 self._stop_if_many_failed()
                 if s == 0:

@@ -133,7 +133,7 @@ class Batch(NamedTuple):
     origins: Int[Array, "sessions blocks 2"]
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """Sessions in the batch."""
         return self.origins.shape[0]
 

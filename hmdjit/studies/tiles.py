@@ -134,36 +134,38 @@ def required_halo_px(
 ) -> Int[np.ndarray, "*sessions"]:
     """Halo that keeps what its outer edge does out of the measured pixels.
 
-    Let `e_j` bound the error at depth j pixels from the edge. Pixels beyond the edge
-    are wrong by up to 1. A history read displaced by at most `s = n + f` px mixes
+    Let `e_j` bound the error at depth j pixels from an edge. Pixels beyond the edge are
+    wrong by up to 1. A history read from up to `s = n + f` px nearer to the edge mixes
     depths `j - n` and `j - n - 1` with weights `1 - f` and `f` (bilinear), and of that
-    mix at most the technique's gain g remains: `e_j <- g ((1 - f) e_{j-n} + f
-    e_{j-n-1})`. The worst case is that every frame moves inwards by its largest
-    displacement.
+    mix at most the technique's gain g remains:
+    `e_j <- g ((1 - f) e_{j-n} + f e_{j-n-1})`. A negative s, a read from farther
+    inside, takes error away from the edge.
 
     **Arguments:** `reach`: of the frames of each session.
 
-    **Returns:** per session, the smallest whole halo, px, whose error after the last
-    frame, horizontal plus vertical, is below `tolerance` (of the colour range).
+    **Returns:** per session, the smallest whole halo, px, whose error after any frame,
+    horizontal plus vertical, is below `tolerance` (of the colour range).
     """
-    *sessions, frames, _ = reach.px.shape
-    # Horizontal and vertical motion are two cases of one recursion.
-    step = np.moveaxis(reach.px, -1, 0).reshape(-1, frames)
-    gain = np.broadcast_to(reach.gain, (2, *reach.gain.shape)).reshape(-1, frames)
+    *sessions, frames, _ = reach.inwards_px.shape
+    # The four edges are four cases of one recursion.
+    step = np.moveaxis(reach.inwards_px, -1, 0).reshape(-1, frames)
+    gain = np.broadcast_to(reach.gain, (4, *reach.gain.shape)).reshape(-1, frames)
     whole = np.floor(step).astype(int)
     fraction = step - whole
-    deepest = int(np.max(np.sum(whole + 1, axis=1), initial=0))
+    deepest = int(np.max(np.sum(np.maximum(whole + 1, 0), axis=1), initial=0))
     depth = np.arange(1, deepest + 1)
     error = np.zeros((len(step), deepest + 1))  # depth 0 is beyond the edge
     error[:, 0] = 1.0
+    halo = np.zeros(len(step), int)
     for k in range(frames):
-        near_depth = np.maximum(depth - whole[:, k, None], 0)
-        far_depth = np.maximum(depth - whole[:, k, None] - 1, 0)
+        near_depth = np.clip(depth - whole[:, k, None], 0, deepest)
+        far_depth = np.clip(depth - whole[:, k, None] - 1, 0, deepest)
         near = np.take_along_axis(error, near_depth, axis=1)
         far = np.take_along_axis(error, far_depth, axis=1)
         mixed = near + fraction[:, k, None] * (far - near)
         # An error cannot exceed the colour range.
         error[:, 1:] = np.minimum(gain[:, k, None] * mixed, 1.0)
-    # Errors fall with depth, so those above the tolerance are the first ones.
-    halo = np.sum(error >= tolerance / 2, axis=1) - 1
-    return np.max(halo.reshape(2, *sessions), axis=0)
+        # Errors fall with depth, so those above the tolerance are the first ones; at
+        # each of two edges (left or right, top or bottom) half of it is allowed.
+        halo = np.maximum(halo, np.sum(error >= tolerance / 2, axis=1) - 1)
+    return np.max(halo.reshape(4, *sessions), axis=0)

@@ -26,11 +26,12 @@ SPACES = ("gamma", "linear")
 class HistoryReach(eqx.Module):
     """How what a frame shows depends on the frame before, for sizing halos.
 
-    - `px`: how far each frame's history is displaced, per axis, px.
+    - `inwards_px`: how far history may come in through a region's left, top, right and
+      bottom edge in each frame, px; negative where it is read from farther inside.
     - `gain`: how much of an error in the history can remain.
     """
 
-    px: Float[np.ndarray, "*sessions frames 2"]
+    inwards_px: Float[np.ndarray, "*sessions frames 4"]
     gain: Float[np.ndarray, "*sessions frames"]
 
 
@@ -73,12 +74,12 @@ class AbstractTechnique(eqx.Module):
     def history_reach(
         self,
         speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        bounds_px: Float[np.ndarray, "*sessions frames 2"],
+        span_px: Float[np.ndarray, "*sessions frames 2 2"],
     ) -> HistoryReach | None:
         """How far history reaches in each frame; None where there is none.
 
-        **Arguments:** `speed_deg_s`: head speed; `bounds_px`: the largest displacement
-        that the whole increment causes, per axis.
+        **Arguments:** `speed_deg_s`: head speed; `span_px`: what the whole increment
+        displaces, as `camera.displacement_range` gives it.
         """
         return None
 

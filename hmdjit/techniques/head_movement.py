@@ -159,7 +159,7 @@ class HeadMovement(AbstractTechnique):
     def history_reach(
         self,
         speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        bounds_px: Float[np.ndarray, "*sessions frames 2"],
+        span_px: Float[np.ndarray, "*sessions frames 2 2"],
     ) -> HistoryReach:
         """History moves by `1 - d` of a frame's motion and keeps at most its gain.
 
@@ -168,5 +168,13 @@ class HeadMovement(AbstractTechnique):
         where `1 - A` is largest too: `(1 - w_min + 2 (w_min - w_lb)) (1 - E)` in all.
         """
         easing = np.asarray(blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s))
-        gain = (1 - self.w_min + 2 * (self.w_min - self.w_lb)) * (1 - easing)
-        return HistoryReach((1 - min(self.closeness)) * bounds_px, gain)
+        w_min, w_lb = float(self.w_min), float(self.w_lb)
+        gain = (1 - w_min + 2 * (w_min - w_lb)) * (1 - easing)
+        low, high = np.moveaxis(span_px, -2, 0)
+        inwards = np.concatenate([-low, high], axis=-1)
+        shares = [1 - float(d) for d in self.closeness]
+        farthest = np.max([share * inwards for share in shares], axis=0)
+        # 1 - d of a rotation displaces by 1 - d of the displacement, but for terms of
+        # second order: less than 1 % up to 0.5 deg per frame.
+        slack = 0.01 * max(shares) * np.abs(inwards)
+        return HistoryReach(farthest + slack, np.asarray(gain))
