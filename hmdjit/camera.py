@@ -6,7 +6,6 @@ forward) is `((x - W/2) / f, (H/2 - y) / f, -1)` with `f = (W/2) / tan(fov / 2)`
 """
 
 import functools
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -169,7 +168,7 @@ def displacement(
     return dx, dy, depth > 0
 
 
-class _Interval(NamedTuple):
+class _Interval(eqx.Module):
     low: Array
     high: Array
 
@@ -177,7 +176,8 @@ class _Interval(NamedTuple):
         return _Interval(self.low + other.low, self.high + other.high)
 
     def __mul__(self, other: "_Interval") -> "_Interval":
-        ends = [a * b for a in self for b in other]
+        mine, others = (self.low, self.high), (other.low, other.high)
+        ends = [a * b for a in mine for b in others]
         lowest = functools.reduce(jnp.minimum, ends)
         return _Interval(lowest, functools.reduce(jnp.maximum, ends))
 

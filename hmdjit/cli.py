@@ -34,7 +34,9 @@ def _study_fields() -> list[tuple[str, Any, Any]]:
             help_behavior_hint="",
         ),
     ]
-    fields = [("definition", definition_file, dataclasses.field(default=None))]
+    fields: list[tuple[str, Any, Any]] = [
+        ("definition", definition_file, dataclasses.field(default=None))
+    ]
     for field in dataclasses.fields(definition.Options):
         shown = tyro.conf.arg(
             help=field.metadata["help"],
@@ -76,7 +78,7 @@ class ApplyCommand:
     """Refresh rate, Hz (default: the poses' own)."""
 
 
-Command = (
+Command: Any = (
     Annotated[StudyCommand, tyro.conf.subcommand("study")]
     | Annotated[ApplyCommand, tyro.conf.subcommand("apply")]
 )
@@ -84,7 +86,7 @@ Command = (
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
-    command = tyro.cli(
+    command: Any = tyro.cli(
         Command,
         prog="hmdjit",
         description=(

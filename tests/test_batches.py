@@ -44,6 +44,7 @@ def test_a_kept_batch_is_found_by_its_key_only(tmp_path):
     result = Result(np.array([1.0, 2.0]), np.array([3.0, 4.0]))
     store.keep("none-noise-0", "a" * 64, result)
     found = store.find("none-noise-0", "a" * 64)
+    assert found is not None
     np.testing.assert_array_equal(found.mtcd, result.mtcd)
     np.testing.assert_array_equal(found.detail_loss, result.detail_loss)
     assert store.find("none-noise-0", "b" * 64) is None

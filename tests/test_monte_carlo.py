@@ -1,5 +1,6 @@
 import json
 import resource
+from typing import Any
 
 import jax
 import numpy as np
@@ -126,10 +127,11 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
 
 def test_one_compilation_per_technique_serves_all_scenes():
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
-    monte_carlo._measure.clear_cache()
+    programs: Any = monte_carlo._measure
+    programs.clear_cache()
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
     # MSAA shares the run of none; the last batch is filled up to the others' size.
-    assert monte_carlo._measure._cache_size() == 2
+    assert programs._cache_size() == 2
 
 
 def test_tiles_crop_and_whole_frame_measure_the_same_kind_of_thing():
