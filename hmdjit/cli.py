@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Union
 
 import numpy as np
 import rich.console
@@ -78,10 +78,10 @@ class ApplyCommand:
     """Refresh rate, Hz (default: the poses' own)."""
 
 
-Command: Any = (
-    Annotated[StudyCommand, tyro.conf.subcommand("study")]
-    | Annotated[ApplyCommand, tyro.conf.subcommand("apply")]
-)
+Command = Union[  # noqa: UP007: what `|` cannot join, for its members are made above
+    Annotated[StudyCommand, tyro.conf.subcommand("study")],
+    Annotated[ApplyCommand, tyro.conf.subcommand("apply")],
+]
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -175,7 +175,7 @@ def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     assert usual > 0
     assert runner._usual_halo[hj.techniques.NoAntialiasing()] == 0
     batch = monte_carlo._sessions(calm, 0, 6).batch(0, 6)
-    wild = batch._replace(motion=jax.tree.map(lambda leaf: leaf * 10, batch.motion))
+    wild = batch._replace(motion=jax.tree.map(lambda leaf: leaf * 8, batch.motion))
     halo = runner.halo(kim, wild)
     assert (halo[runner.is_wide(kim, wild)] >= 2 * usual).all()
     assert runner.is_wide(kim, wild).any()

@@ -122,7 +122,7 @@ class Study(eqx.Module):
         seed: int = 0,
         *,
         out: str | os.PathLike | None = None,
-        batch_size: int = 250,
+        batch_size: int = 256,
         progress: Callable[[Progress], None] = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
@@ -214,8 +214,10 @@ class _Runner:
         if self.block == frame:
             return np.zeros(batch.size, int)
         needed = halo(_NEAR_PX)
-        # Wider halos reach pixels that may move faster: bound them by the whole frame.
-        return np.where(needed > _NEAR_PX, halo(max(frame)), needed)
+        if np.any(needed > _NEAR_PX):
+            # So wide a halo reaches pixels that may move faster: bound the whole frame.
+            needed = np.where(needed > _NEAR_PX, halo(max(frame)), needed)
+        return needed
 
     def _dispatch(
         self,
@@ -311,10 +313,17 @@ def _motion_span(
     camera: Camera, batch: Batch, block: tuple[int, int], around_px: int
 ) -> Float[np.ndarray, "sessions frames 2 2"]:
     """Range of displacements of a session's blocks by each increment, px."""
-    increments = batch.motion.increment
+    # Filled up to a round number, to compile once for batches and the last of them.
+    filled = batch.select(np.resize(np.arange(batch.size), -(-batch.size // 256) * 256))
     spans = np.asarray(
-        _spans(camera, increments, batch.origins, block, around_px=around_px)
-    )
+        _spans(
+            camera,
+            filled.motion.increment,
+            filled.origins,
+            block,
+            around_px=around_px,
+        )
+    )[:, : batch.size]
     low, high = spans[..., 0, :].min(axis=0), spans[..., 1, :].max(axis=0)
     return np.stack([low, high], axis=-2)
 

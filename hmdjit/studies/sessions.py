@@ -175,7 +175,8 @@ class Sessions:
     def batch(self, start: int, size: int) -> Batch:
         """Sessions from `start` on, `size` of them or what is left."""
         count = min(size, self.count - start)
-        indices = jnp.arange(start, start + count, dtype=jnp.int32)
+        # Always `size` are drawn, to compile once; those beyond the last are dropped.
+        indices = jnp.arange(start, start + size, dtype=jnp.int32)
         origins = _blocks(self._key, self._measure, self._camera, indices)
         if isinstance(self._head, HeadMotion):
             rate_hz = float(self._camera.refresh_hz)
@@ -183,9 +184,9 @@ class Sessions:
                 self._key, self._head, indices, rate_hz, self._length
             )
         else:
-            poses = jnp.asarray(self._windows[start : start + count], jnp.float32)
-            motion = _recorded_motion(poses)
-        return Batch(start, motion, origins)
+            windows = np.arange(start, start + size) % self.count
+            motion = _recorded_motion(jnp.asarray(self._windows[windows], jnp.float32))
+        return Batch(start, motion, origins).select(np.arange(count))
 
 
 @eqx.filter_jit
