@@ -87,7 +87,8 @@ def main() -> None:
                 (lag_one_correlation(model), ratio.value, ratio.low, ratio.high)
             )
             print(
-                f"{px_per_frame:4} px/frame, correlation {points[-1][0]:.3f}: {ratio}"
+                f"{px_per_frame} px/frame, correlation {points[-1][0]:.3f}: "
+                f"{ratio.value:.3f} [{ratio.low:.3f}, {ratio.high:.3f}]"
             )
         x, value, low, high = np.array(points).T
         error = (value - low, high - value)
@@ -97,7 +98,7 @@ def main() -> None:
     expected = [(lag_one_correlation(m), theory(m)) for m in lines]
     axis.plot(*np.array(expected).T, "k--", label="small-motion theory")
     axis.axhline(0.56, color="grey", linewidth=1)
-    axis.annotate("Kim et al.: 0.56", (0.98, 0.565), ha="right", color="grey")
+    axis.annotate("Kim et al.: 0.56", (0.0, 0.567), color="grey")
     axis.set(
         xlabel="correlation of the head's velocity from frame to frame",
         ylabel="MTCD ratio, head movement / none",

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Union
+from typing import Annotated, Any
 
 import numpy as np
 import rich.console
@@ -78,27 +78,19 @@ class ApplyCommand:
     """Refresh rate, Hz (default: the poses' own)."""
 
 
-Command = Union[  # noqa: UP007: what `|` cannot join, for its members are made above
-    Annotated[StudyCommand, tyro.conf.subcommand("study")],
-    Annotated[ApplyCommand, tyro.conf.subcommand("apply")],
-]
-
-
 def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
-    command: Any = tyro.cli(
-        Command,
+    command: Any = tyro.extras.subcommand_cli_from_dict(
+        {"study": StudyCommand, "apply": ApplyCommand},
         prog="hmdjit",
-        description=(
-            "How much does the picture flicker when a head tries to hold still?"
-        ),
+        description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
     )
     console = rich.console.Console()
     try:
-        if isinstance(command, StudyCommand):
-            return _study(command, console)
-        return _apply(command, console)
+        if isinstance(command, ApplyCommand):
+            return _apply(command, console)
+        return _study(command, console)
     except (ValueError, ImportError) as error:
         return _complain(error, WRONG_INPUT)
     except OSError as error:

@@ -14,7 +14,7 @@ from jax.test_util import check_grads
 
 from hmdjit import quaternion
 from hmdjit.head_motion import HeadMotion
-from hmdjit.head_motion.process import discretise
+from hmdjit.head_motion.base import discretise
 
 # Two-sided tests on normal statistics at 5 standard errors: false alarms 6e-7 each.
 LARGEST_Z = 5.0

@@ -471,7 +471,7 @@ class _Run:
             "frames": study.frames,
             "warmup": study.warmup,
             "measure": str(study.measure),
-            "head": repr(study.head),
+            "head": str(study.head),
             "width_px": camera.width_px,
             "height_px": camera.height_px,
             "fov_deg": float(camera.fov_deg),

@@ -47,6 +47,13 @@ class Replay(eqx.Module):
                     f"{middle:.2f} Hz; name a refresh rate to resample them."
                 )
 
+    def __str__(self) -> str:
+        subjects = {trace.subject for trace in self.traces}
+        return (
+            f"{len(self.traces)} recordings of {len(subjects)} subjects, replayed at "
+            f"{self.refresh_hz:.4g} Hz"
+        )
+
     @property
     def refresh_hz(self) -> float:
         """Frames per second of the replay; the median over traces of their own."""

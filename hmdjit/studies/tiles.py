@@ -36,6 +36,9 @@ class Tiles(eqx.Module):
         _checks.whole("tiles count", self.count, 1)
         _checks.whole("tiles size_px", self.size_px, 1)
 
+    def __str__(self) -> str:
+        return f"{self.count} tiles of {self.size_px} x {self.size_px} px per session"
+
     def block_size(self, camera: Camera) -> tuple[int, int]:
         """Width and height of a measured block, px.
 
@@ -72,6 +75,9 @@ class WholeFrame(eqx.Module):
 
     count: int = eqx.field(static=True, default=1)
 
+    def __str__(self) -> str:
+        return "the whole frame"
+
     def block_size(self, camera: Camera) -> tuple[int, int]:
         """Width and height of the frame, px."""
         return camera.width_px, camera.height_px
@@ -95,6 +101,9 @@ class CentralCrop(eqx.Module):
 
     def __check_init__(self):
         _checks.whole("crop size_px", self.size_px, 1)
+
+    def __str__(self) -> str:
+        return f"a central block of {self.size_px} px (not a sample of the frame)"
 
     def block_size(self, camera: Camera) -> tuple[int, int]:
         """Width and height of the block, px.
