@@ -153,7 +153,7 @@ def simulate(
     - `scene`: what is looked at. It is baked here, with 6 degrees of margin.
     - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length. The
       first is the hold pose. Concrete poses are re-based in float64; float32 is the
-      precision of the simulation unless a JAX float64 array comes in.
+      precision of the simulation unless a JAX float64 array comes in, or a texture.
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.
@@ -178,6 +178,8 @@ def simulate(
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
+    # A texture that was baked before brings the precision of the simulation.
+    motion = jax.tree.map(lambda leaf: leaf.astype(texture.color.dtype), motion)
     if not _checks.is_traced(motion.offset):
         _check_margin(texture, camera, region, motion)
     return _jitted_session(
