@@ -2,7 +2,9 @@
 
 import dataclasses
 import re
+import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,12 +16,12 @@ import rich.progress
 import tyro
 
 from . import metrics, scenes, simulation, techniques
-from ._files import written_atomically
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
 from .studies import definition, report
 from .studies.monte_carlo import FailedSessionsError, Progress, Study
+from .studies.sessions import Replay
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -86,7 +88,7 @@ def run(arguments: Sequence[str]) -> int:
         description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
     )
-    console = rich.console.Console()
+    console = rich.console.Console(markup=False)
     try:
         if isinstance(command, ApplyCommand):
             return _apply(command, console)
@@ -103,6 +105,14 @@ def run(arguments: Sequence[str]) -> int:
 def _complain(error: object, code: int) -> int:
     print(f"hmdjit: error: {' '.join(str(error).split())}", file=sys.stderr)
     return code
+
+
+def _check_folder(path: Path) -> None:
+    existing = next(place for place in (path, *path.parents) if place.exists())
+    if not existing.is_dir():
+        raise ValueError(
+            f"out must be a folder that can be made, got {path}: {existing} is a file."
+        )
 
 
 def _make_folder(path: Path) -> Path:
@@ -130,7 +140,7 @@ def _study(command: Any, console: rich.console.Console) -> int:
     camera = study.display
     console.print(
         f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
-        f"{study.sessions} sessions of {study.warmup} + {study.frames} frames, "
+        f"{_count(study)} sessions of {study.warmup} + {study.frames} frames, "
         f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
         f"{camera.refresh_hz:.4g} Hz.\n"
         "Compiling each technique when it first runs; finished batches are kept in "
@@ -152,6 +162,15 @@ def _study(command: Any, console: rich.console.Console) -> int:
     return OK
 
 
+def _count(study: Study) -> str:
+    # How many windows the recordings hold is known when the study runs.
+    return (
+        f"at most {study.sessions}"
+        if isinstance(study.head, Replay)
+        else f"{study.sessions}"
+    )
+
+
 class _Bar:
     """Progress of a study: a bar on a terminal, a line now and then elsewhere."""
 
@@ -163,9 +182,9 @@ class _Bar:
         self._bar = rich.progress.Progress(
             rich.progress.BarColumn(bar_width=30),
             rich.progress.MofNCompleteColumn(),
-            rich.progress.TextColumn("{task.fields[rate]}"),
-            rich.progress.TextColumn("{task.fields[left]}"),
-            rich.progress.TextColumn("{task.description}"),
+            rich.progress.TextColumn("{task.fields[rate]}", markup=False),
+            rich.progress.TextColumn("{task.fields[left]}", markup=False),
+            rich.progress.TextColumn("{task.description}", markup=False),
             console=console,
             disable=not console.is_terminal,
         )
@@ -214,7 +233,8 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
     height, width, _ = scenes.pictures.read_picture(files[0]).shape
     rate = command.refresh if command.refresh is not None else trace.rate_hz
     camera = Camera(width, height, command.fov, rate)
-    out = _make_folder(command.out)
+    out = command.out
+    _check_folder(out)
     if out.resolve() == command.frames_dir.resolve():
         raise ValueError(f"out must differ from the folder of the frames, got {out}.")
 
@@ -233,9 +253,14 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
 
     poses = trace.world_from_head
     shown = simulation.stream(technique, camera, pictures(), poses)
-    for file, picture in zip(files, shown, strict=True):
-        after.add(picture)
-        _write_png(out / file.name, picture)
+    # All frames or none: they move to their folder when the last one is done.
+    with tempfile.TemporaryDirectory() as scratch:
+        for file, picture in zip(files, shown, strict=True):
+            after.add(picture)
+            _write_png(Path(scratch) / file.name, picture)
+        _make_folder(out)
+        for file in files:
+            shutil.move(Path(scratch) / file.name, out / file.name)
     console.print(
         f"MTCD before {before.value:.3f}, after {after.value:.3f} code values "
         f"(ratio {after.value / before.value:.3f})"
@@ -269,5 +294,4 @@ def _write_png(path: Path, picture: np.ndarray) -> None:
     import PIL.Image
 
     codes = np.floor(CODE_VALUES * np.clip(picture, 0, 1) + 0.5).astype(np.uint8)
-    with written_atomically(path) as unfinished:
-        PIL.Image.fromarray(codes).save(unfinished, format="PNG")
+    PIL.Image.fromarray(codes).save(path, format="PNG")

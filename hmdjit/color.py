@@ -9,6 +9,9 @@ from jaxtyping import Array, Float
 
 from ._types import Numbers
 
+STEEPEST_ENCODE = 12.92
+"""Largest slope of `encode`: that of its straight line at black."""
+
 
 @jax.jit
 def encode(linear: Numbers) -> Numbers:

@@ -178,6 +178,7 @@ def simulate(
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
+    _check_texture(texture, camera, region)
     # A texture that was baked before brings the precision of the simulation.
     motion = jax.tree.map(lambda leaf: leaf.astype(texture.color.dtype), motion)
     if not _checks.is_traced(motion.offset):
@@ -207,12 +208,27 @@ def _motion(poses: Poses | Float[np.ndarray, "frames 4"], dtype: Any) -> Motion:
     return rebased_motion(concrete / norm[:, None], dtype)
 
 
+def _check_texture(texture: Texture, camera: Camera, region: Region) -> None:
+    k, margin = texture.oversampling, texture.margin_px
+    expected = (k * (camera.height_px + 2 * margin), k * (camera.width_px + 2 * margin))
+    if texture.color.shape[:2] != expected:
+        raise ValueError(
+            f"scene must be a texture baked for this camera, {expected} texels, got "
+            f"{tuple(texture.color.shape[:2])}."
+        )
+    if not (_checks.is_traced(region.x0) or _checks.is_traced(region.y0)):
+        _checks.in_range("region x0", region.x0, 0, camera.width_px - region.width)
+        _checks.in_range("region y0", region.y0, 0, camera.height_px - region.height)
+
+
 def _check_margin(
     texture: Texture, camera: Camera, region: Region, motion: Motion
 ) -> None:
     bounds = jax.vmap(lambda r: pinhole.displacement_bound(camera, region, r))(
         motion.offset
     )
+    if _checks.is_traced(bounds):
+        return  # the session itself gives NaN then
     largest = np.max(np.asarray(bounds), axis=1)
     worst = int(np.argmax(largest))
     if largest[worst] > texture.margin_px:
@@ -341,6 +357,8 @@ def stream(
     path = _motion(poses, jnp.dtype(jnp.float32))
     state = None
     for k, picture in enumerate(frames):
+        if k >= len(poses):
+            raise ValueError(f"poses must have one row per frame, got {len(poses)}.")
         color = jnp.moveaxis(jnp.asarray(picture, jnp.float32), -1, 0)[None]
         frame = Frame(color, camera, region)
         state = _first(technique, frame) if k == 0 else state

@@ -125,6 +125,10 @@ WRONG_STUDIES = [
         r"unknown key head_movement.wmin. Did you mean head_movement.w_mi",
     ),
     (["{bad_type}"], r"bad_type.toml: sessions must be of type int, got 'many'"),
+    (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
+    (["--tiles", "4096"], r"tiles count must lie in \[1, 256\], got 4096"),
+    (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
+    (["{bad_value}"], r"\[head_movement\] does not fit"),
     (["{bad_syntax}"], r"bad_syntax.toml: not a TOML file"),
     (["{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--out", "{beneath}"], r"out must be a folder that can be made"),
@@ -142,6 +146,7 @@ def places(tmp_path):
         "bad_key": ("bad_key.toml", "sesions = 3\n"),
         "bad_table": ("bad_table.toml", "[head_movement]\nwmin = 0.3\n"),
         "bad_type": ("bad_type.toml", "sessions = 'many'\n"),
+        "bad_value": ("bad_value.toml", "[head_movement]\ncloseness = 0.5\n"),
         "bad_syntax": ("bad_syntax.toml", "sessions = = 3\n"),
     }
     for name, text in contents.values():

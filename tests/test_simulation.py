@@ -115,6 +115,9 @@ class Counting(AbstractTechnique):
     def init(self, frame):
         return jnp.zeros((), jnp.int32)
 
+    def history_reach(self, speed_deg_s, span_px):
+        return None
+
     def step(self, state, frame, motion):
         TRACED.append(frame)
         picture = jnp.ones_like(frame.color[0]) * self.levels[state]
@@ -298,9 +301,10 @@ def drift(frames=10, speed_deg_s=6.0):
 def halo():
     motion = hj.Motion.of(jnp.asarray(drift()))
     near = hj.Region(BLOCK.x0 - 32, BLOCK.y0 - 32, 80, 80)
-    span = jax.vmap(lambda r: displacement_range(WIDE, near, r))(motion.increment)
+    turned = jax.vmap(lambda r: displacement_range(WIDE, near, r))
+    span = lambda share: np.asarray(turned(share * motion.increment))[None]
     speed = np.degrees(np.linalg.norm(motion.increment, axis=-1)) * WIDE.refresh_hz
-    reach = FAR.history_reach(speed[None], np.asarray(span)[None])
+    reach = FAR.history_reach(speed[None], span)
     (needed,) = required_halo_px(reach)
     assert 4 <= needed <= 32
     return int(needed)
@@ -747,3 +751,33 @@ def test_small_motion_is_filtered_as_predicted(rng):
 @pytest.mark.slow
 def test_small_motion_agrees_with_the_table(rng):
     check_small_motion(rng, 4000, SMALL_MOTION, SHARES, [0, LONG_WARMUP])
+
+
+def test_a_texture_of_another_camera_is_refused(rng):
+    other = hj.Camera(CAMERA.width_px + 8, CAMERA.height_px, CAMERA.fov_deg, 60.0)
+    with pytest.raises(ValueError, match="scene must be a texture baked for this"):
+        hj.simulate(texture_of(rng), other, HeadMovement(), path(rng))
+
+
+def test_gradients_reach_the_camera_too(rng):
+    texture, poses = texture_of(rng), path(rng)
+
+    def flicker(refresh_hz):
+        camera = hj.Camera(
+            CAMERA.width_px, CAMERA.height_px, CAMERA.fov_deg, refresh_hz
+        )
+        return hj.simulate(texture, camera, HeadMovement(), poses).mtcd
+
+    def wider(fov_deg):
+        camera = hj.Camera(CAMERA.width_px, CAMERA.height_px, fov_deg, 60.0)
+        return hj.simulate(texture, camera, HeadMovement(), poses).mtcd
+
+    assert np.isfinite(jax.grad(flicker)(60.0))
+    assert np.isfinite(jax.grad(wider)(float(CAMERA.fov_deg)))
+
+
+def test_samples_that_are_all_fully_past_count_alike(rng):
+    texture, poses = texture_of(rng), path(rng)
+    twice = hj.simulate(texture, CAMERA, HeadMovement(closeness=(0.0, 0.0)), poses)
+    once = hj.simulate(texture, CAMERA, HeadMovement(closeness=(0.0,)), poses)
+    np.testing.assert_allclose(twice.mtcd, once.mtcd, rtol=1e-12)

@@ -127,11 +127,14 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng):
     turns = np.cumsum(rng.normal(0, 4e-4, (16, 3)), axis=0)
     poses = jax.vmap(hj.quaternion.exp)(jnp.asarray(turns))
     motion = hj.Motion.of(poses)
-    span = jax.vmap(
-        lambda r: hj.camera.displacement_range(camera, hj.Region.whole(camera), r)
-    )(motion.increment)
+    whole = hj.Region.whole(camera)
+    span = lambda share: np.asarray(
+        jax.vmap(lambda r: hj.camera.displacement_range(camera, whole, r))(
+            share * motion.increment
+        )
+    )[None]
     speed = np.degrees(np.linalg.norm(motion.increment, axis=1)) * 60
-    (halo,) = required_halo_px(kim.history_reach(speed[None], np.asarray(span)[None]))
+    (halo,) = required_halo_px(kim.history_reach(speed[None], span))
     assert 4 < halo < 30
 
     frames = rng.random((16, 96, 96, 3))
@@ -144,3 +147,13 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng):
     # The bound is not empty: half the halo would let more through.
     inner = np.abs(shown - other)[:, low + 1 : high - 1, low + 1 : high - 1].max()
     assert inner > 1e-5
+
+
+def test_a_span_without_bound_asks_for_the_whole_frame():
+    reach = HistoryReach(np.full((1, 3, 4), np.inf), np.full((1, 3), 0.9))
+    assert required_halo_px(reach)[0] >= 4096
+
+
+def test_more_tiles_than_cells_are_refused():
+    with pytest.raises(ValueError, match=r"tiles count must lie in \[1, 4\], got 5"):
+        Tiles(5, 8).block_size(hj.Camera(16, 16))

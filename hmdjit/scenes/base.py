@@ -188,9 +188,7 @@ def bake(
     **Accuracy:** what is read between texels is interpolated from them. One compilation
     serves all scenes of one class and shapes.
     """
-    if oversampling not in (1, 2, 4):
-        raise ValueError(f"oversampling must be 1, 2 or 4, got {oversampling!r}.")
-    margin_px = _margin_px(camera, margin_deg)
+    margin_px = check_baking(camera, oversampling, margin_deg)
     # The name is part of the program's identity: without it, scenes share a program.
     nameless = dataclasses.replace(scene, name="")
     colors, supersampled = _paint(
@@ -199,7 +197,13 @@ def bake(
     return Texture(colors, supersampled, oversampling, margin_px)
 
 
-def _margin_px(camera: Camera, margin_deg: float) -> int:
+def check_baking(camera: Camera, oversampling: int, margin_deg: float) -> int:
+    """Margin of a texture, px.
+
+    **Errors:** those of `bake`, before anything is baked.
+    """
+    if oversampling not in (1, 2, 4):
+        raise ValueError(f"oversampling must be 1, 2 or 4, got {oversampling!r}.")
     focal = float(camera.focal_px)
     half = math.atan(max(camera.width_px, camera.height_px) / 2 / focal)
     half_deg = math.degrees(half)

@@ -4,8 +4,10 @@ A batch's key is a hash of everything that decides its numbers. A study that is 
 again, or made longer, therefore finds what it has and computes only what it lacks.
 """
 
+import contextlib
 import dataclasses
 import hashlib
+import inspect
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,10 +31,18 @@ def fingerprint(*parts: Any) -> str:
 
 
 def _absorb(digest: Any, part: Any) -> None:
-    digest.update(f"<{type(part).__qualname__}>".encode())
+    if isinstance(part, np.generic):
+        part = part.item()
+    kind = type(part)
+    digest.update(f"<{kind.__module__}.{kind.__qualname__}>".encode())
+    if dataclasses.is_dataclass(part) and not kind.__module__.startswith("hmdjit."):
+        # A technique or scene of a user's own: its code decides numbers too. That of
+        # the package is what the model's version stands for.
+        with contextlib.suppress(OSError, TypeError):
+            digest.update(inspect.getsource(kind).encode())
     if part is None or isinstance(part, str | int | float | bool):
         digest.update(repr(part).encode())
-    elif isinstance(part, np.ndarray | np.generic | jax.Array):
+    elif isinstance(part, np.ndarray | jax.Array):
         array = np.ascontiguousarray(part)
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
@@ -46,8 +56,9 @@ def _absorb(digest: Any, part: Any) -> None:
             _absorb(digest, value)
     elif dataclasses.is_dataclass(part):
         for field in dataclasses.fields(part):
-            digest.update(field.name.encode())
-            _absorb(digest, getattr(part, field.name))
+            if field.name != "name":  # what a thing is called decides nothing
+                digest.update(field.name.encode())
+                _absorb(digest, getattr(part, field.name))
     else:
         raise TypeError(f"cannot take the fingerprint of a {type(part).__name__}.")
 

@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-
 from .. import _checks, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion, Trace
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
-from .monte_carlo import Study
+from .monte_carlo import Study, check_seed
 from .sessions import Replay
 from .tiles import CentralCrop, Tiles, WholeFrame
 
@@ -56,7 +54,8 @@ class Options:
     sessions: int | None = _option("N", "Viewing sessions (default: 500).")
     frames: int | None = _option("N", "Measured frames, at least 2 (default: 10).")
     warmup: int | None = _option("N", "Frames before them (default: 12).")
-    tiles: int | None = _option("N", "Tiles of 64 px per session (default: 2).")
+    tiles: int | None = _option("N", "Tiles per session (default: 2).")
+    tile_size: int | None = _option("PX", "Side of a tile (default: 64).")
     crop: int | None = _option(
         "PX", "Measure a central block instead: not a sample of the frame."
     )
@@ -77,6 +76,12 @@ class Options:
     out: Path | None = _option(
         "DIR", "Folder for everything written (default: hmdjit-study)."
     )
+
+
+_RIVALS = (
+    ("tiles", "tile_size", "crop", "whole_frame"),
+    ("scenes", "images", "panorama"),
+)
 
 
 def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
@@ -123,8 +128,13 @@ def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
     single, is_list = kind.removesuffix(" | None"), "tuple" in kind
     if is_list:
         value = [value] if isinstance(value, str) else value
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise ValueError(f"{path}: {key} must be a list of strings, got {value!r}.")
+        is_list_of_strings = isinstance(value, list) and all(
+            isinstance(v, str) for v in value
+        )
+        if not is_list_of_strings or not value:
+            raise ValueError(
+                f"{path}: {key} must be a list of at least one string, got {value!r}."
+            )
         return tuple(path.parent / v if "Path" in kind else v for v in value)
     types = {"int": int, "float": (int, float), "bool": bool, "str": str, "Path": str}
     name = next(name for name in types if name in single.split(".")[-1])
@@ -139,12 +149,16 @@ def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
 
 
 def merged(low: Options, high: Options) -> Options:
-    """Return `low`, overridden by what `high` says."""
+    """Return `low`, overridden by what `high` says; a rival of that is dropped too."""
     said = {
         name: value
         for name, value in dataclasses.asdict(high).items()
         if value is not None and value is not False
     }
+    default = dataclasses.asdict(Options())
+    for rivals in _RIVALS:
+        if any(name in said for name in rivals):
+            low = dataclasses.replace(low, **{name: default[name] for name in rivals})
     return dataclasses.replace(low, **said)
 
 
@@ -162,6 +176,7 @@ def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> S
     }
     if options.margin is not None:
         numbers["margin_deg"] = options.margin
+    check_seed(options.seed or 0)
     # Numbers are checked before files are read: wrong ones are told at once.
     for name, low in (("sessions", 1), ("frames", 2), ("warmup", 0)):
         _checks.whole(name, numbers.get(name, low), low)
@@ -194,7 +209,7 @@ def _camera(options: Options) -> Camera:
 
 def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
     ways = {
-        "tiles": options.tiles is not None,
+        "tiles": options.tiles is not None or options.tile_size is not None,
         "crop": options.crop is not None,
         "whole_frame": options.whole_frame,
     }
@@ -207,7 +222,8 @@ def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
         return WholeFrame()
     if options.crop is not None:
         return CentralCrop(options.crop)
-    return Tiles() if options.tiles is None else Tiles(options.tiles)
+    said = {"count": options.tiles, "size_px": options.tile_size}
+    return Tiles(**{name: value for name, value in said.items() if value is not None})
 
 
 def _techniques(
@@ -216,6 +232,14 @@ def _techniques(
     chosen = [techniques.by_id(id) for id in options.techniques or TECHNIQUES]
     if not head_movement:
         return chosen
+    if not any(isinstance(t, techniques.HeadMovement) for t in chosen):
+        raise ValueError(
+            "[head_movement] is set, but no such technique is in the study."
+        )
+    try:
+        techniques.HeadMovement(**head_movement)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"[head_movement] does not fit: {error}") from None
     return [
         techniques.HeadMovement(**head_movement, resolve=technique.resolve)
         if isinstance(technique, techniques.HeadMovement)
@@ -253,9 +277,5 @@ def _scenes(options: Options) -> dict[str, AbstractScene]:
 def _head(options: Options) -> HeadMotion | Replay:
     if not options.trace:
         return HeadMotion.seated()
-    replay = Replay([Trace.read(path) for path in options.trace])
-    if options.refresh is None:
-        return replay
-    return eqx.tree_at(
-        lambda r: r.rate_hz, replay, options.refresh, is_leaf=lambda node: node is None
-    )
+    traces = tuple(Trace.read(path) for path in options.trace)
+    return Replay(traces, rate_hz=options.refresh)

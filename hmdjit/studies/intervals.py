@@ -36,6 +36,12 @@ from scipy import stats
 MIN_BASELINE_MTCD = 0.05
 """Code values; a ratio to a baseline that flickers no more than this says nothing."""
 
+POOLED = "all"
+"""Scene of the rows that average over all scenes."""
+
+GEOMETRIC_MEAN = "geometric mean"
+"""Scene of the rows with the geometric mean of the per-scene ratios."""
+
 NO_FLICKER = "no flicker to remove"
 WINDOWS_ONLY = "between these windows only"
 NO_SESSION = "no session succeeded"

@@ -27,11 +27,12 @@ from .._version import __version__
 from ..camera import Camera, Region
 from ..frame import Motion, Texture
 from ..head_motion import HeadMotion
-from ..scenes.base import AbstractScene, bake
+from ..scenes.base import AbstractScene, bake, check_baking
 from ..simulation import Result, session
 from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
+from .intervals import GEOMETRIC_MEAN, POOLED
 from .sessions import Batch, Head, Sessions
 from .tiles import Measurement, Tiles, required_halo_px
 
@@ -46,6 +47,12 @@ MOST_FAILED = 1e-3
 
 _PILOT_SESSIONS = 256
 _NEAR_PX = 32  # how far around a block its displacements are bounded
+
+
+def check_seed(seed: int) -> None:
+    """Raise unless a seed is one that does not wrap around."""
+    _checks.whole("seed", seed, 0)
+    _checks.in_range("seed", seed, 0, 2**32 - 1)
 
 
 class FailedSessionsError(RuntimeError):
@@ -109,6 +116,10 @@ class Study(eqx.Module):
         _checks.whole("frames", self.frames, 2)
         _checks.whole("warmup", self.warmup, 0)
         self.measure.block_size(self.camera)
+        check_baking(self.camera, self.oversampling, self.margin_deg)
+        for name in self.scenes:
+            if name in (POOLED, GEOMETRIC_MEAN):
+                raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
 
     @property
     def display(self) -> Camera:
@@ -140,6 +151,7 @@ class Study(eqx.Module):
         **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
         finite number; `KeyboardInterrupt` leaves all finished batches in `out`.
         """
+        check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
         return _Run(self, seed, out, batch_size, progress).dataset()
 
@@ -161,17 +173,17 @@ class _Runner:
         # depends on which others are run with it.
         pilot = _sessions(study, 0, _PILOT_SESSIONS)
         batch = pilot.batch(0, pilot.count)
-        self._usual_halo = {}
-        for technique in dict.fromkeys(t.on_pictures() for t in study.techniques):
+        self._usual_halo: dict[str, int] = {}
+        for technique in (t.on_pictures() for t in study.techniques):
             need = int(np.max(self._needed_halo(technique, batch)))
-            self._usual_halo[technique] = -(-need // 4) * 4
+            self._usual_halo[fingerprint(technique)] = -(-need // 4) * 4
 
     def run(
         self, technique: AbstractTechnique, texture: Texture, batch: Batch
     ) -> Result:
         """Measure a batch, as NumPy arrays, `(sessions,)`."""
         halo = self.halo(technique, batch)
-        usual = self._usual_halo[technique]
+        usual = self._usual_halo[fingerprint(technique)]
         # Everyone runs with the usual halo, to compile once per technique; the few
         # that need a wider one run again, eight at a time.
         result = self._dispatch(technique, texture, batch, usual, self.batch_size)
@@ -188,14 +200,15 @@ class _Runner:
     ) -> Int[np.ndarray, " sessions"]:
         """Halo of each session, px: the usual one, doubled until it suffices."""
         need = self._needed_halo(technique, batch)
-        halo = np.full(batch.size, self._usual_halo[technique])
+        halo = np.full(batch.size, self._usual_halo[fingerprint(technique)])
         while (short := halo < need).any():
             halo[short] = np.maximum(2 * halo[short], 4)
         return halo
 
     def is_wide(self, technique: AbstractTechnique, batch: Batch) -> np.ndarray:
         """Which sessions of a batch need more than the usual halo."""
-        return self.halo(technique, batch) > self._usual_halo[technique]
+        usual = self._usual_halo[fingerprint(technique)]
+        return self.halo(technique, batch) > usual
 
     def _needed_halo(
         self, technique: AbstractTechnique, batch: Batch
@@ -205,7 +218,7 @@ class _Runner:
         speed_deg_s = np.degrees(speed) * float(self.camera.refresh_hz)
 
         def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
-            span = _motion_span(self.camera, batch, self.block, around_px)
+            span = partial(_motion_span, self.camera, batch, self.block, around_px)
             reach = technique.history_reach(speed_deg_s, span)
             none = np.zeros(batch.size, int)
             needed = none if reach is None else required_halo_px(reach)
@@ -296,13 +309,16 @@ def _spans(
     block: tuple[int, int],
     around_px: int,
 ) -> Float[Array, "blocks sessions frames 2 2"]:
-    width, height = (side + 2 * around_px for side in block)
+    width = min(block[0] + 2 * around_px, camera.width_px)
+    height = min(block[1] + 2 * around_px, camera.height_px)
 
     def span(increment: Array, origin: Array) -> Array:
+        # Clipped to the frame, as a region is; its place there does not narrow it.
         x0, y0 = origin - around_px
-        return pinhole.displacement_range(
-            camera, Region(x0, y0, width, height), increment
-        )
+        left = jnp.clip(x0, 0, camera.width_px - width)
+        top = jnp.clip(y0, 0, camera.height_px - height)
+        region = Region(left, top, width, height)
+        return pinhole.displacement_range(camera, region, increment)
 
     over_frames = jax.vmap(span, (0, None))
     over_sessions = jax.vmap(over_frames, (0, 0))
@@ -310,15 +326,19 @@ def _spans(
 
 
 def _motion_span(
-    camera: Camera, batch: Batch, block: tuple[int, int], around_px: int
+    camera: Camera,
+    batch: Batch,
+    block: tuple[int, int],
+    around_px: int,
+    share: float,
 ) -> Float[np.ndarray, "sessions frames 2 2"]:
-    """Range of displacements of a session's blocks by each increment, px."""
+    """Range of displacements of a session's blocks by a share of each increment, px."""
     # Filled up to a round number, to compile once for batches and the last of them.
     filled = batch.select(np.resize(np.arange(batch.size), -(-batch.size // 256) * 256))
     spans = np.asarray(
         _spans(
             camera,
-            filled.motion.increment,
+            share * filled.motion.increment,
             filled.origins,
             block,
             around_px=around_px,
@@ -346,9 +366,10 @@ class _Run:
         self.runner = _Runner(study, self.batch_size)
         self.store = Store(self.out)
         # Techniques that show the same on pictures share a run: their places, by run.
-        self.runs: dict[AbstractTechnique, list[int]] = {}
+        self.runs: dict[str, tuple[AbstractTechnique, list[int]]] = {}
         for place, technique in enumerate(study.techniques):
-            self.runs.setdefault(technique.on_pictures(), []).append(place)
+            run = technique.on_pictures()
+            self.runs.setdefault(fingerprint(run), (run, []))[1].append(place)
         shape = (len(study.techniques), len(study.scenes), self.sessions.count)
         self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
         self.ran = np.zeros(shape, bool)
@@ -370,7 +391,7 @@ class _Run:
             for start in starts:
                 batch = self.sessions.batch(start, self.batch_size)
                 here = slice(start, start + batch.size)
-                for technique, places in self.runs.items():
+                for technique, places in self.runs.values():
                     file = f"{technique.id}-{name}-{start}"
                     key = fingerprint(
                         self.identity, scene_key, technique, start, batch.size
@@ -406,7 +427,7 @@ class _Run:
         )
 
     def _describe(self, batch: Batch, here: slice) -> None:
-        for technique in self.runs:
+        for technique, _ in self.runs.values():
             self.wide[here] |= self.runner.is_wide(technique, batch)
         turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
         self.rotation_deg[here] = np.sqrt(np.mean(np.sum(turn**2, axis=-1), axis=-1))

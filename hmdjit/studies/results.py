@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._files import written_atomically
+from .intervals import GEOMETRIC_MEAN as GEOMETRIC_MEAN
 from .intervals import NO_PAIR, NO_SESSION
+from .intervals import POOLED as POOLED
 from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
 from .intervals import mean_interval as mean_interval
@@ -19,12 +21,6 @@ from .intervals import ratio_interval as ratio_interval
 
 if TYPE_CHECKING:
     import xarray
-
-POOLED = "all"
-"""Scene of the rows that average over all scenes."""
-
-GEOMETRIC_MEAN = "geometric mean"
-"""Scene of the rows with the geometric mean of the per-scene ratios."""
 
 ONE_SESSION = "one session has no interval"
 _NO_QUANTILES = (math.nan, math.nan, math.nan)

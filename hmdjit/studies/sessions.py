@@ -4,6 +4,7 @@ Head paths come either from a model, drawn anew for each session, or from record
 traces, cut into windows. Session i depends only on (study, seed, i).
 """
 
+import contextlib
 from typing import NamedTuple
 
 import equinox as eqx
@@ -68,11 +69,11 @@ class Replay(eqx.Module):
 
         **Errors:** `ValueError` if no trace is as long as a window.
         """
-        cut = [
-            (trace.windows(frames, rate_hz=self.rate_hz), trace.subject)
-            for trace in self.traces
-            if round(trace.duration_s * (self.rate_hz or trace.rate_hz)) + 1 >= frames
-        ]
+        cut = []
+        for trace in self.traces:
+            # A trace that is shorter than a window has none.
+            with contextlib.suppress(ValueError):
+                cut.append((trace.windows(frames, rate_hz=self.rate_hz), trace.subject))
         if not cut:
             longest = max(trace.duration_s for trace in self.traces)
             raise ValueError(

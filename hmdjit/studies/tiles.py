@@ -21,6 +21,8 @@ from ..techniques.base import HistoryReach
 HALO_TOLERANCE = 1e-5
 """What a halo's outer edge does may reach measured pixels with less than this."""
 
+_WIDEST_PX = 4096  # a halo as wide as this reaches the edges of the camera frame
+
 
 class Tiles(eqx.Module):
     """Measure some tiles per session: unbiased for the whole frame, far cheaper.
@@ -52,6 +54,9 @@ class Tiles(eqx.Module):
                 f"tiles size_px must divide the camera frame {width} x {height}, got "
                 f"{self.size_px}; {fit} does."
             )
+        cells = (width // self.size_px) * (height // self.size_px)
+        if self.count > cells:
+            raise ValueError(f"tiles count must lie in [1, {cells}], got {self.count}.")
         return self.size_px, self.size_px
 
     def draw(self, key: RandomKey, camera: Camera) -> Int[Array, "blocks 2"]:
@@ -62,7 +67,7 @@ class Tiles(eqx.Module):
         same probability, and the tiles of a session lie apart.
         """
         cells = jnp.asarray(_cells_along_z_curve(camera, self.size_px))
-        # In 2^-20ths of a stratum, whole numbers: no rounding decides a cell's share.
+        # In 2^-20ths of a stratum: what rounding adds to a cell's share is below 2e-4.
         within = jax.random.randint(key, (self.count,), 0, 1 << 20)
         stratum = jnp.arange(self.count)
         share = (stratum * (1 << 20) + within) / (self.count << 20)
@@ -156,12 +161,15 @@ def required_halo_px(
     horizontal plus vertical, is below `tolerance` (of the colour range).
     """
     *sessions, frames, _ = reach.inwards_px.shape
-    # The four edges are four cases of one recursion.
-    step = np.moveaxis(reach.inwards_px, -1, 0).reshape(-1, frames)
+    tolerance /= reach.display_slope
+    # The four edges are four cases of one recursion. No frame is wider than the limit.
+    inwards_px = np.clip(reach.inwards_px, -_WIDEST_PX, _WIDEST_PX)
+    step = np.moveaxis(inwards_px, -1, 0).reshape(-1, frames)
     gain = np.broadcast_to(reach.gain, (4, *reach.gain.shape)).reshape(-1, frames)
     whole = np.floor(step).astype(int)
     fraction = step - whole
     deepest = int(np.max(np.sum(np.maximum(whole + 1, 0), axis=1), initial=0))
+    deepest = min(deepest, _WIDEST_PX)
     depth = np.arange(1, deepest + 1)
     error = np.zeros((len(step), deepest + 1))  # depth 0 is beyond the edge
     error[:, 0] = 1.0

@@ -8,6 +8,7 @@ frame, motion) -> (state, displayed)`: pure, per region, on planes. A session ca
 """
 
 import abc
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -29,17 +30,16 @@ class HistoryReach(eqx.Module):
     - `inwards_px`: how far history may come in through a region's left, top, right and
       bottom edge in each frame, px; negative where it is read from farther inside.
     - `gain`: how much of an error in the history can remain.
+    - `display_slope`: largest change of the display per change of the history.
     """
 
     inwards_px: Float[np.ndarray, "*sessions frames 4"]
     gain: Float[np.ndarray, "*sessions frames"]
+    display_slope: float = 1.0
 
 
 class AbstractTechnique(eqx.Module):
     """An anti-aliasing technique."""
-
-    stencil_radius_px: ClassVar[int] = 0
-    """How far around a pixel the current frame is read; widens halos."""
 
     remembers: ClassVar[bool] = True
     """Whether frames before the measured ones can matter (else they are not run)."""
@@ -53,6 +53,11 @@ class AbstractTechnique(eqx.Module):
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
         """Sub-pixel samples: row k mod period, px from the centre, x right, y down."""
         return sample_patterns.centre()[None]
+
+    @property
+    def stencil_radius_px(self) -> int:
+        """How far around a pixel the current frame is read; widens halos."""
+        return 0
 
     @property
     def reads_supersampled(self) -> bool:
@@ -71,17 +76,17 @@ class AbstractTechnique(eqx.Module):
         """Return the technique that shows exactly the same on scenes without edges."""
         return self
 
+    @abc.abstractmethod
     def history_reach(
         self,
         speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        span_px: Float[np.ndarray, "*sessions frames 2 2"],
+        span_px: Callable[[float], Float[np.ndarray, "*sessions frames 2 2"]],
     ) -> HistoryReach | None:
         """How far history reaches in each frame; None where there is none.
 
-        **Arguments:** `speed_deg_s`: head speed; `span_px`: what the whole increment
-        displaces, as `camera.displacement_range` gives it.
+        **Arguments:** `speed_deg_s`: head speed; `span_px`: what a share of each
+        increment displaces, as `camera.displacement_range` gives it.
         """
-        return None
 
 
 class AbstractSpatial(AbstractTechnique):
@@ -95,6 +100,9 @@ class AbstractSpatial(AbstractTechnique):
 
     def init(self, frame: Frame) -> None:
         """Spatial techniques keep nothing."""
+
+    def history_reach(self, speed_deg_s: object, span_px: object) -> None:
+        """Spatial techniques read no history."""
 
     def step(self, state: None, frame: Frame, motion: Motion) -> tuple[None, Rgb]:
         """Show the resolved frame."""

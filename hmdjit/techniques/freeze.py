@@ -20,6 +20,9 @@ class Freeze(AbstractTechnique):
         """Keep the first frame."""
         return frame.color[0]
 
+    def history_reach(self, speed_deg_s: object, span_px: object) -> None:
+        """Each pixel keeps its own past: nothing reaches another."""
+
     def step(self, state: Rgb, frame: Frame, motion: Motion) -> tuple[Rgb, Rgb]:
         """Show it again."""
         return state, state

@@ -1,5 +1,7 @@
 """Head-movement based temporal anti-aliasing (Kim et al.)."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -69,7 +71,7 @@ class HeadMovement(AbstractTechnique):
             )
         for i, weight in enumerate(self._raw_weights()):
             _checks.in_range(f"weights[{i}]", weight, 0)
-        total = sum(self._raw_weights())
+        total = 1.0 if self.weights is None else sum(self.weights)
         if not _checks.is_traced(total) and total <= 0:
             raise ValueError(f"weights must have a positive sum, got {total:g}.")
         _checks.one_of("difference", self.difference, DIFFERENCES)
@@ -92,13 +94,23 @@ class HeadMovement(AbstractTechnique):
         return self.resolve is not None and self.resolve.reads_supersampled
 
     def _raw_weights(self) -> tuple[Scalar, ...]:
-        if self.weights is not None:
-            return self.weights
-        # One sample counts fully; samples that are all at d = 0 have no ratio of d.
-        is_zero = all(isinstance(d, float) and d == 0 for d in self.closeness)
-        if len(self.closeness) == 1 or is_zero:
-            return (1.0,) * len(self.closeness)
-        return self.closeness
+        return self.closeness if self.weights is None else self.weights
+
+    def _normalized_weights(self) -> list[Scalar]:
+        """Weights of equation (2): they sum to 1."""
+        raw, count = self._raw_weights(), len(self.closeness)
+        if count == 1:
+            return [1.0]
+        # Samples that are all at d = 0 have no ratio of d: they count alike.
+        total = sum(raw)
+        is_zero = total == 0
+        safe = jnp.where(is_zero, 1.0, total)
+        return [jnp.where(is_zero, 1 / count, weight / safe) for weight in raw]
+
+    @property
+    def stencil_radius_px(self) -> int:
+        """That of `resolve`."""
+        return 0 if self.resolve is None else self.resolve.stencil_radius_px
 
     def _current(self, frame: Frame) -> Rgb:
         gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]
@@ -118,8 +130,7 @@ class HeadMovement(AbstractTechnique):
             reprojection.past_position(frame, motion.increment, d)
             for d in self.closeness
         ]
-        raw = self._raw_weights()
-        weights = [weight / sum(raw) for weight in raw]
+        weights = self._normalized_weights()
         samples = [state.at(position) for position in past]
 
         is_blended = past[0].inside()
@@ -159,7 +170,7 @@ class HeadMovement(AbstractTechnique):
     def history_reach(
         self,
         speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        span_px: Float[np.ndarray, "*sessions frames 2 2"],
+        span_px: Callable[[float], Float[np.ndarray, "*sessions frames 2 2"]],
     ) -> HistoryReach:
         """History moves by `1 - d` of a frame's motion and keeps at most its gain.
 
@@ -170,11 +181,12 @@ class HeadMovement(AbstractTechnique):
         easing = np.asarray(blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s))
         w_min, w_lb = float(self.w_min), float(self.w_lb)
         gain = (1 - w_min + 2 * (w_min - w_lb)) * (1 - easing)
-        low, high = np.moveaxis(span_px, -2, 0)
-        inwards = np.concatenate([-low, high], axis=-1)
-        shares = [1 - float(d) for d in self.closeness]
-        farthest = np.max([share * inwards for share in shares], axis=0)
-        # 1 - d of a rotation displaces by 1 - d of the displacement, but for terms of
-        # second order: less than 1 % up to 0.5 deg per frame.
-        slack = 0.01 * max(shares) * np.abs(inwards)
-        return HistoryReach(farthest + slack, np.asarray(gain))
+        inwards = []
+        for d in self.closeness:
+            low, high = np.moveaxis(span_px(1 - float(d)), -2, 0)
+            inwards.append(np.concatenate([-low, high], axis=-1))
+        farthest = np.max(inwards, axis=0)
+        if self.difference == "same_pixel":
+            farthest = np.maximum(farthest, 0.0)  # the unmoved history is read as well
+        slope = color.STEEPEST_ENCODE if self.space == "linear" else 1.0
+        return HistoryReach(farthest, gain, slope)
