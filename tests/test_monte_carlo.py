@@ -107,6 +107,7 @@ def test_an_interrupted_study_goes_on_and_equals_an_uninterrupted_one(tmp_path, 
         np.testing.assert_array_equal(written["mtcd"], data["mtcd"])
 
 
+@pytest.mark.slow
 def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
     small = {
         "sessions": 3,
@@ -136,6 +137,7 @@ def test_one_compilation_per_technique_serves_all_scenes():
     assert programs._cache_size() == 2
 
 
+@pytest.mark.slow
 def test_tiles_crop_and_whole_frame_measure_the_same_kind_of_thing():
     means = {}
     for measure in (Tiles(2, 16), CentralCrop(32), WholeFrame()):
@@ -186,6 +188,7 @@ def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     assert runner.is_wide(kim, batch).any()
 
 
+@pytest.mark.slow
 def test_a_wide_session_equals_itself_in_a_wide_study():
     """The halo decides how much is rendered, not what is measured."""
     study = _study(sessions=6, measure=Tiles(1, 16))
@@ -265,7 +268,7 @@ def test_techniques_with_array_leaves_are_run(data):
     np.testing.assert_allclose(again["mtcd"], data["mtcd"], rtol=1e-5)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**32, 1.5])
+@pytest.mark.parametrize("seed", [-1, 2**32])
 def test_seeds_that_would_wrap_around_are_refused(seed):
     with pytest.raises(ValueError, match="seed must"):
         _study().run(seed=seed)

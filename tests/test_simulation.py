@@ -759,6 +759,7 @@ def test_a_texture_of_another_camera_is_refused(rng):
         hj.simulate(texture_of(rng), other, HeadMovement(), path(rng))
 
 
+@pytest.mark.slow
 def test_gradients_reach_the_camera_too(rng):
     texture, poses = texture_of(rng), path(rng)
 
