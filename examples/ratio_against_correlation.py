@@ -37,18 +37,19 @@ def head(correlation: float, deg_per_frame: float) -> hj.HeadMotion:
     return eqx.tree_at(lambda m: m.speed_rms_deg_s, model, (scale, scale, 0.0))
 
 
-def lag_one_correlation(model: hj.HeadMotion) -> float:
-    """Correlation of one frame's rotation with the next one's."""
-    now, later = np.asarray(model.increment_covariance(np.array([0, 1]), RATE_HZ))[:, 0]
+def lag_one_correlation(model: hj.HeadMotion, axis: int = 0) -> float:
+    """Correlation of one frame's rotation with the next one's; axis 0 is pitch."""
+    lags = np.array([0, 1])
+    now, later = np.asarray(model.increment_covariance(lags, RATE_HZ))[:, axis]
     return float(later / now)
 
 
-def theory(model: hj.HeadMotion) -> float:
+def theory(model: hj.HeadMotion, axis: int = 0) -> float:
     """Small motions: displacement is filtered by (1 - d) + d A / (1 - (1 - A) / z)."""
     lags = np.arange(400)
     response = D * W_MIN * (1 - W_MIN) ** lags
     response[0] += 1 - D
-    covariance = np.asarray(model.increment_covariance(lags, RATE_HZ))[:, 0]
+    covariance = np.asarray(model.increment_covariance(lags, RATE_HZ))[:, axis]
     kernel = np.convolve(response, response[::-1])[len(lags) - 1 :]
     shown = kernel[0] * covariance[0] + 2 * kernel[1:] @ covariance[1:]
     return float(np.sqrt(shown / covariance[0]))
@@ -65,6 +66,12 @@ def main() -> None:
     camera = hj.Camera(refresh_hz=RATE_HZ)
     px_per_deg = float(hj.camera.px_per_deg(camera, np.array([512.0, 512.0]))[0])
     correlations = (0.0, 0.3, 0.5, 0.8, 0.95)
+    seated = hj.HeadMotion.seated()
+    print(f"seated head: {float(seated.increment_rms_deg(RATE_HZ)):.4f} deg per frame")
+    for name, number in (("pitch", 0), ("yaw", 1)):
+        correlation = lag_one_correlation(seated, number)
+        ratio = theory(seated, number)
+        print(f"seated head, {name}: correlation {correlation:.3f}, theory {ratio:.3f}")
     figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for px_per_frame in (0.1, 0.3, 1.0):
         points = []

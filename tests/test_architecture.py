@@ -49,6 +49,7 @@ FOLDERS = {
         ("tiles",),
         ("sessions",),
         ("batches",),
+        ("measuring",),
         ("monte_carlo",),
         ("definition",),  # reads a file into a `Study`, so it comes after it
         ("estimators",),

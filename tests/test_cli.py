@@ -11,7 +11,7 @@ import xarray
 
 import hmdjit as hj
 from hmdjit import cli
-from hmdjit.studies import monte_carlo
+from hmdjit.studies import measuring
 
 SMALL = [
     *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),
@@ -79,7 +79,7 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(monte_carlo._Runner, "run", interrupt)
+    monkeypatch.setattr(measuring.Runner, "run", interrupt)
     assert cli.run([*SMALL, "--out", str(tmp_path)]) == 130
     assert "run the same command to go on" in capsys.readouterr().out
 

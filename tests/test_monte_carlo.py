@@ -9,7 +9,7 @@ import pytest
 import xarray
 
 import hmdjit as hj
-from hmdjit.studies import monte_carlo
+from hmdjit.studies import measuring, monte_carlo
 from hmdjit.studies.batches import fingerprint
 from hmdjit.studies.monte_carlo import FailedSessionsError
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
@@ -130,7 +130,7 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
 
 def test_one_compilation_per_technique_serves_all_scenes():
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
-    programs: Any = monte_carlo._measure
+    programs: Any = measuring._measure
     programs.clear_cache()
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
     # MSAA shares the run of none; the last batch is filled up to the others' size.
@@ -173,7 +173,7 @@ def test_tile_means_agree_with_whole_frames():
 
 def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     calm = _study(sessions=6, measure=Tiles(2, 16))
-    runner = monte_carlo._Runner(calm, 6)
+    runner = monte_carlo._runner(calm, 6)
     kim = hj.techniques.HeadMovement()
     usual = runner._usual_halo[fingerprint(kim)]
     assert usual > 0
@@ -193,7 +193,7 @@ def test_a_wide_session_equals_itself_in_a_wide_study():
     """The halo decides how much is rendered, not what is measured."""
     study = _study(sessions=6, measure=Tiles(1, 16))
     texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
-    runner = monte_carlo._Runner(study, 6)
+    runner = monte_carlo._runner(study, 6)
     kim = hj.techniques.HeadMovement()
     batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
     usual = runner.run(kim, texture, batch)
