@@ -256,8 +256,9 @@ def test_memory_does_not_grow_with_sessions():
         _study(sessions=sessions, techniques=plain).run(seed=0, batch_size=50)
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    before, after = run(200), run(4000)
-    # A result is 16 bytes per session, scene and technique: 0.1 MB. 20 MB is slack.
+    # The first thousand also warm up caches of compiled code.
+    before, after = run(1000), run(8000)
+    # A result is 16 bytes per session, scene and technique: 0.2 MB. 20 MB is slack.
     assert after - before < 20_000
 
 
