@@ -37,8 +37,8 @@ BIAS_PERCENT = {
 @jax.jit
 def _exact(scene, region, offsets, samples):
     """MTCD of the exact scene function: `samples` points per pixel, no texture."""
-    x = region.columns() + 0.5 + jnp.zeros((SIZE, 1))
-    y = region.rows() + 0.5 + jnp.zeros((1, SIZE))
+    x = (region.columns().astype(float) + 0.5) * jnp.ones((SIZE, 1))
+    y = (region.rows().astype(float) + 0.5) * jnp.ones((1, SIZE))
 
     def frame(offset):
         turn = hj.quaternion.exp(offset)
