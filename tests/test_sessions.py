@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import hmdjit as hj
+from hmdjit.studies.definition import Options, build
 from hmdjit.studies.sessions import Sessions, session_keys, study_key
 from hmdjit.studies.tiles import Tiles
 
@@ -99,3 +100,14 @@ def test_replay_resamples_to_a_named_rate():
     windows, subjects = replay.windows(12)
     assert windows.shape == (len(subjects), 12, 4)
     assert len(subjects) in (2 * (72 // 12), 2 * (72 // 12) - 1, 2 * (72 // 12) - 2)
+
+
+def test_a_named_refresh_rate_replays_traces_of_different_rates(tmp_path):
+    paths = (tmp_path / "a.csv", tmp_path / "b.csv")
+    for path, rate_hz in zip(paths, (60.0, 90.0), strict=True):
+        _trace(path.stem, 1.0, rate_hz).write(path)
+    small = {"width": 64, "height": 64, "fov": 8.0, "tiles": 1, "scenes": ("noise",)}
+    study = build(Options(trace=paths, refresh=72.0, **small))
+    assert study.display.refresh_hz == 72.0
+    with pytest.raises(ValueError, match="share one rate"):
+        build(Options(trace=paths, **small))

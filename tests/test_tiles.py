@@ -157,3 +157,18 @@ def test_a_span_without_bound_asks_for_the_whole_frame():
 def test_more_tiles_than_cells_are_refused():
     with pytest.raises(ValueError, match=r"tiles count must lie in \[1, 4\], got 5"):
         Tiles(5, 8).block_size(hj.Camera(16, 16))
+
+
+def test_unmoved_and_linear_histories_ask_for_wider_halos():
+    speed = np.full((1, 20), 2.0)
+    swing = np.where(np.arange(20) % 2, 3.0, -3.0)[None, :, None, None]
+    span = lambda share: share * swing * np.ones((1, 20, 2, 2))
+    kim = hj.techniques.HeadMovement
+    halos = [
+        required_halo_px(technique.history_reach(speed, span))[0]
+        for technique in (kim(), kim(difference="same_pixel"), kim(space="linear"))
+    ]
+    # The last displayed pixel does not move away from an edge with its history; and
+    # near black a linear history shows 12.92 times as much.
+    assert halos[1] > halos[0]
+    assert halos[2] >= halos[0]
