@@ -1,16 +1,18 @@
 """How a head that tries to hold still moves: a stochastic process.
 
-Per axis an Ornstein-Uhlenbeck angular velocity `v`, integrated to an angle `x` that a
-very weak spring returns, `dv = -v / tau dt + sqrt(2 s^2 / tau) dW` and
-`dx = (v - x / T_r) dt`, seen by a tracker with white angle noise per sampled frame.
+Per axis the head's angle is the sum of a wander (an Ornstein-Uhlenbeck velocity,
+integrated against a very weak spring) and of damped resonances (head on neck near 3 Hz,
+tremor near 8 to 12 Hz, heartbeat near 1.2 Hz), seen by a tracker with white angle noise
+per sampled frame. The linear core is in `components`; persons differ by a scale, and a
+slow log-normal amplitude makes movement come in bursts.
 
-Arrays per axis are ordered pitch (x), yaw (y), roll (z). A state is `(x, v)`, in units
-of `s tau` and `s`: without units its numbers stay near 1 at every rate.
+Arrays per axis are ordered pitch (x), yaw (y), roll (z).
 """
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,27 +21,73 @@ from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
 from .. import _checks, quaternion
 from .._types import Path, Poses, RandomKey, Scalar
-from .base import discretise
+from . import components, sampling
+from .components import Parts
+from .sampling import Bursts
+from .trace import Trace
 
-_AXES = ("pitch", "yaw", "roll")
-_PerAxis = tuple[Scalar, Scalar, Scalar]
-
-
-class _System(NamedTuple):
-    """The process of the median person, per axis, as a linear system."""
-
-    angle_unit_deg: Float[Array, "3"]
-    tracker_noise_deg: Float[Array, "3"]
-    drift: Float[Array, "3 2 2"]
-    diffusion: Float[Array, "3 2 2"]
-    stationary: Float[Array, "3 2 2"]
-
-    def sampled(self, dt_s: Scalar) -> tuple[Array, Array]:
-        return jax.vmap(discretise, (0, 0, None))(self.drift, self.diffusion, dt_s)
+AXES = ("pitch", "yaw", "roll")
+PerAxis = tuple[Scalar, Scalar, Scalar]
+"""One number each for pitch, yaw and roll."""
 
 
 def _per_axis(values: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(_checks.number(value) for value in values)
+
+
+def _check_per_axis(config: eqx.Module, name: str, *, open_low: bool) -> None:
+    values = getattr(config, name)
+    if len(values) != len(AXES):
+        raise ValueError(
+            f"{name} must have 3 numbers (pitch, yaw, roll), got {len(values)}."
+        )
+    for axis, value in zip(AXES, values, strict=True):
+        _checks.in_range(f"{name} ({axis})", value, 0, open_low=open_low)
+
+
+class Resonator(eqx.Module):
+    """A damped mode of the head, driven by white noise.
+
+    Per axis (pitch, yaw, roll):
+
+    - `speed_rms_deg_s`: RMS of its angular velocity, deg/s, at least 0.
+    - `frequency_hz`: its undamped frequency, Hz, above 0.
+    - `damping`: damping ratio, dimensionless, above 0; 1 is critical.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+
+    speed_rms_deg_s: PerAxis = eqx.field(converter=_per_axis)
+    frequency_hz: PerAxis = eqx.field(converter=_per_axis)
+    damping: PerAxis = eqx.field(converter=_per_axis)
+
+    def __check_init__(self):
+        _check_per_axis(self, "speed_rms_deg_s", open_low=False)
+        _check_per_axis(self, "frequency_hz", open_low=True)
+        _check_per_axis(self, "damping", open_low=True)
+
+
+class Amplitude(eqx.Module):
+    """How strongly a head moves just now: bursts and lulls, the same in all axes.
+
+    The noise that drives the head is multiplied by `a = exp(sd m - sd^2)`, held within
+    a frame, where `m` is a standard normal Ornstein-Uhlenbeck process: `a^2` is 1 on
+    average.
+
+    - `sd`: standard deviation of its logarithm, at least 0.
+    - `correlation_time_s`: correlation time of the logarithm, s, above 0.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+
+    sd: Scalar = eqx.field(converter=_checks.number)
+    correlation_time_s: Scalar = eqx.field(converter=_checks.number)
+
+    def __check_init__(self):
+        _checks.in_range("sd", self.sd, 0)
+        _checks.in_range(
+            "correlation_time_s", self.correlation_time_s, 0, open_low=True
+        )
 
 
 class HeadMotion(eqx.Module):
@@ -47,43 +95,44 @@ class HeadMotion(eqx.Module):
 
     Per axis (pitch, yaw, roll):
 
-    - `speed_rms_deg_s`: RMS of the angular velocity's Ornstein-Uhlenbeck process,
-      deg/s, at least 0.
+    - `speed_rms_deg_s`: RMS of the wander's angular velocity, deg/s, at least 0.
     - `correlation_time_s`: its correlation time, s, above 0.
     - `tracker_noise_deg`: RMS of the white angle noise per sampled frame, deg, at
       least 0; the same at every rate.
 
     For all axes:
 
-    - `return_time_s`: time constant of the return to the hold pose, s, above 0.
+    - `return_time_s`: time constant of the wander's return to the hold pose, s,
+      above 0.
     - `person_sd`: a session's person moves `exp(person_sd z)` times as much as the
       median one, z standard normal, in all axes; the tracker's noise does not scale.
+    - `resonators`: damped modes, none or more; a heartbeat is one near 1.2 Hz with a
+      damping near 0.05.
+    - `amplitude`: bursts and lulls; None is a Gaussian process.
 
     The laws below (`covariance`, spectra, ...) are those of the median person; over the
     population everything but the tracker's noise is multiplied by `person_power`. They
-    have the precision of this model's numbers and are right to 1e-5 in float32, as long
-    as `return_time_s` is not below `correlation_time_s`; the covariance of increments,
-    which crosses 0, to 1e-5 of their variance.
+    are averaged over the amplitude, which does not change them; given that it stays
+    at `a` for longer than the head remembers, all but the tracker's noise is `a^2`
+    times as large. They have the precision of this model's numbers and are right to
+    1e-5 in float32, as long as `return_time_s` is not below `correlation_time_s`;
+    covariances, which cross 0, to 1e-5 of their variance.
 
     **Errors:** `ValueError` naming the field, the range and the value.
     """
 
-    speed_rms_deg_s: _PerAxis = eqx.field(converter=_per_axis)
-    correlation_time_s: _PerAxis = eqx.field(converter=_per_axis)
-    tracker_noise_deg: _PerAxis = eqx.field(converter=_per_axis)
+    speed_rms_deg_s: PerAxis = eqx.field(converter=_per_axis)
+    correlation_time_s: PerAxis = eqx.field(converter=_per_axis)
+    tracker_noise_deg: PerAxis = eqx.field(converter=_per_axis)
     return_time_s: Scalar = eqx.field(converter=_checks.number, default=15.0)
     person_sd: Scalar = eqx.field(converter=_checks.number, default=0.17)
+    resonators: tuple[Resonator, ...] = eqx.field(converter=tuple, default=())
+    amplitude: Amplitude | None = None
 
     def __check_init__(self):
-        for name in ("speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"):
-            values = getattr(self, name)
-            if len(values) != len(_AXES):
-                raise ValueError(
-                    f"{name} must have 3 numbers (pitch, yaw, roll), got {len(values)}."
-                )
-            for axis, value in zip(_AXES, values, strict=True):
-                is_time = name == "correlation_time_s"
-                _checks.in_range(f"{name} ({axis})", value, 0, open_low=is_time)
+        _check_per_axis(self, "speed_rms_deg_s", open_low=False)
+        _check_per_axis(self, "correlation_time_s", open_low=True)
+        _check_per_axis(self, "tracker_noise_deg", open_low=False)
         _checks.in_range("return_time_s", self.return_time_s, 0, open_low=True)
         _checks.in_range("person_sd", self.person_sd, 0)
 
@@ -91,30 +140,82 @@ class HeadMotion(eqx.Module):
     def seated(cls) -> "HeadMotion":
         """People seated with a supported back, waiting in a neutral pose.
 
-        **Accuracy:** hits the recorded speeds (RMS 1.9 deg/s at 90 Hz); the wander in
-        yaw is 25-35 % too large, that in roll 15-25 % too small; tails within minutes
-        are too light (recorded excess kurtosis 2-4).
-
-        **Source:** fitted to the spectra of 76 recordings of 28 persons, HTC Vive Pro
-        Eye at 90 Hz, of Santos-Paz et al., PeerJ 2022, doi 10.7717/peerj.14031.
+        **Source:** recordings of Santos-Paz et al., PeerJ 2022, doi
+        10.7717/peerj.14031, HTC Vive Pro Eye, 90 Hz; numbers in `presets.toml`.
         """
-        return cls(
-            # Pitch, yaw, roll; 4 s Hann windows, 0.25 Hz to 0.97 of Nyquist.
-            speed_rms_deg_s=(1.12, 0.91, 0.93),
-            correlation_time_s=(0.10, 0.124, 0.029),
-            tracker_noise_deg=(0.0037, 0.0036, 0.0034),
-            return_time_s=15.0,  # the slowest drift that the recordings resolve
-            person_sd=0.17,  # standard deviation of the persons' log speed
-        )
+        return cls.preset("seated")
+
+    @classmethod
+    def fixating(cls) -> "HeadMotion":
+        """People who hold their gaze on a marker for 3 s each.
+
+        **Source:** recordings of Uramune et al., arXiv 2311.00391, HTC Vive Pro Eye,
+        90 Hz; numbers in `presets.toml`.
+        """
+        return cls.preset("fixating")
+
+    @classmethod
+    def free_viewing(cls) -> "HeadMotion":
+        """People who watch 360-degree videos, while they hold still.
+
+        **Source:** recordings of Nasrabadi et al., MMSys 2019, arXiv 1905.03823, Oculus
+        Go, 60 Hz; numbers in `presets.toml`.
+        """
+        return cls.preset("free_viewing")
+
+    @classmethod
+    def tracker_noise(cls) -> "HeadMotion":
+        """Take a headset that nobody wears: the tracker's noise alone.
+
+        **Source:** idle parts of recordings of Banaszczyk et al., arXiv 2412.06116,
+        Quest 2, 72 Hz; numbers in `presets.toml`.
+        """
+        return cls.preset("tracker_noise")
+
+    @classmethod
+    def preset(cls, name: str) -> "HeadMotion":
+        """Head of a name in `presets.toml`: `seated`, `fixating`, ...
+
+        **Errors:** `ValueError` for an unknown name, with the nearest known one.
+        """
+        from . import presets
+
+        return presets.preset(name)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "HeadMotion":
+        """Read a head from a TOML file, as `presets.write` writes it.
+
+        **Errors:** `ValueError`, one line, naming the file and the key.
+        """
+        from . import presets
+
+        return presets.read(path)
+
+    @classmethod
+    def fit(cls, traces: Sequence[Trace], *, order: int | None = None) -> "HeadMotion":
+        """Fit a head to recorded ones; `fitting.fit` also says how sure it is.
+
+        **Errors:** `ValueError`, see `fitting.fit`.
+        """
+        from . import fitting
+
+        return fitting.fit(traces, order=order).head
 
     def __str__(self) -> str:
         def listed(values: tuple[Scalar, ...]) -> str:
-            return "/".join(f"{float(value):g}" for value in values)
+            return "/".join(f"{float(value):.3g}" for value in values)
 
         return (
-            f"model A, speed {listed(self.speed_rms_deg_s)} deg/s, "
+            f"model {'B' if self.resonators else 'A'}, "
+            f"speed {listed(self.speed_rms_deg_s)} deg/s, "
             f"correlation time {listed(self.correlation_time_s)} s, "
             f"tracker noise {listed(self.tracker_noise_deg)} deg (pitch/yaw/roll)"
+            + "".join(
+                f", resonance of {listed(mode.speed_rms_deg_s)} deg/s at "
+                f"{listed(mode.frequency_hz)} Hz"
+                for mode in self.resonators
+            )
         )
 
     @property
@@ -145,8 +246,10 @@ class HeadMotion(eqx.Module):
         **Errors:** `ValueError` for `rate_hz` and `frames` out of range.
 
         **Accuracy:** exact in law at every rate: 60 and 120 Hz sample the same process
-        (but for the tracker's noise, which is per frame). In float32 increments are
-        right to 2e-9 rad RMS.
+        (but for the tracker's noise, which is per frame). Of a model with an amplitude,
+        which is held within a frame, that is true of all covariances; its tails are
+        right as far as the amplitude changes little within a frame. In float32
+        increments are right to 2e-9 rad RMS.
         """
         path = self.rotation_vectors(key, rate_hz, frames, dtype=dtype)
         return jax.vmap(quaternion.exp)(path)
@@ -168,6 +271,10 @@ class HeadMotion(eqx.Module):
     def covariance(self, lag_s: ArrayLike) -> Float[Array, "*lags 3"]:
         """Covariance of the head's angle with itself `lag_s` later, deg^2."""
         return _covariance(self, jnp.asarray(lag_s, _dtype(self)))
+
+    def structure_function(self, lag_s: ArrayLike) -> Float[Array, "*lags 3"]:
+        """Mean squared turn of the head within `lag_s`, without the tracker, deg^2."""
+        return _structure_function(self, jnp.asarray(lag_s, _dtype(self)))
 
     def increment_covariance(
         self, lag_frames: ArrayLike, rate_hz: Scalar
@@ -201,141 +308,121 @@ class HeadMotion(eqx.Module):
         frequency_hz = jnp.asarray(frequency_hz, _dtype(self))
         return _sampled_velocity_spectrum(self, frequency_hz, rate_hz)
 
+    def increment_kurtosis(
+        self, rate_hz: float, *, memory_s: float = 4.0
+    ) -> Float[Array, "3"]:
+        """Excess kurtosis of one person's frame-to-frame rotations per axis.
+
+        0 without an amplitude. The tracker's noise, which is Gaussian, is included;
+        what the head remembers for longer than `memory_s` is left out.
+        """
+        _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
+        if self.amplitude is None:
+            return jnp.zeros(len(AXES), _dtype(self))
+        frames = max(2, round(memory_s * rate_hz))
+        return _increment_kurtosis(self, self.amplitude, rate_hz, frames)
+
 
 def _dtype(head: HeadMotion) -> Any:
     return jnp.result_type(*jax.tree.leaves(head))
 
 
-def _system(head: HeadMotion, dtype: Any) -> _System:
-    per_axis = lambda values: jnp.stack([jnp.asarray(x, dtype) for x in values])
-    correlation_time_s = per_axis(head.correlation_time_s)
-    a = 1 / correlation_time_s
-    b = jnp.full(3, 1 / jnp.asarray(head.return_time_s, dtype))
-    zero = jnp.zeros_like(a)
-    matrices = lambda *rows: jnp.moveaxis(jnp.array(rows), -1, 0)
-    return _System(
-        per_axis(head.speed_rms_deg_s) * correlation_time_s,
-        per_axis(head.tracker_noise_deg),
-        drift=matrices([-b, a], [zero, -a]),
-        diffusion=matrices([zero, zero], [zero, 2 * a]),
-        stationary=matrices(
-            [a**2 / (b * (a + b)), a / (a + b)], [a / (a + b), jnp.ones_like(a)]
-        ),
+def _stacked(values: PerAxis, dtype: Any) -> Float[Array, "3"]:
+    return jnp.stack([jnp.asarray(value, dtype) for value in values])
+
+
+def _parts(head: HeadMotion, dtype: Any) -> Parts:
+    per_axis = partial(_stacked, dtype=dtype)
+    wander = components.wander(
+        per_axis(head.speed_rms_deg_s),
+        per_axis(head.correlation_time_s),
+        jnp.asarray(head.return_time_s, dtype),
     )
-
-
-def _apply(matrices: Float[Array, "3 2 2"], states: Float[Array, "3 2"]) -> Array:
-    # A sum of products, as a matrix product would be rounded to TF32 on some devices.
-    return jnp.sum(matrices * states[:, None, :], axis=-1)
+    modes = [
+        components.resonance(
+            per_axis(mode.speed_rms_deg_s),
+            per_axis(mode.frequency_hz),
+            per_axis(mode.damping),
+        )
+        for mode in head.resonators
+    ]
+    return components.joined(wander, *modes)
 
 
 @partial(jax.jit, static_argnames=("frames", "dtype"))
 def _rotation_vectors(
     key: RandomKey, head: HeadMotion, rate_hz: Scalar, frames: int, dtype: Any
 ) -> Path:
-    person_key, path_key = jax.random.split(key)
-    system = _system(head, dtype)
-    change, covariance = system.sampled(1 / jnp.asarray(rate_hz, dtype))
-    spread = jnp.linalg.cholesky(covariance)
-
-    # Per frame and axis two draws for the state, the first frame's for its start, and
-    # one for the tracker, from one call: generators are slow to compile.
-    noise = jax.random.normal(path_key, (frames, 3, 3), dtype)
-    of_state, of_tracker = noise[..., :2], noise[..., 2]
-    start = _apply(jnp.linalg.cholesky(system.stationary), of_state[0])
-
-    def step(state, noise):
-        state = state + _apply(change, state) + _apply(spread, noise)
-        return state, state[:, 0]
-
-    _, path = jax.lax.scan(step, start, of_state[1:])
-    path = jnp.concatenate([start[None, :, 0], path])
-
-    person_sd = jnp.asarray(head.person_sd, dtype)
-    scale = jnp.exp(person_sd * jax.random.normal(person_key, (), dtype))
-    angle_deg = (scale * system.angle_unit_deg)[None] * path
-    return jnp.deg2rad(angle_deg + system.tracker_noise_deg[None] * of_tracker)
-
-
-_each = partial(jnp.vectorize, signature="()->(3)")
+    as_array = partial(jnp.asarray, dtype=dtype)
+    bursts = None
+    if head.amplitude is not None:
+        times = head.amplitude.sd, head.amplitude.correlation_time_s
+        bursts = Bursts(*map(as_array, times))
+    path_deg = sampling.draw(
+        key,
+        _parts(head, dtype),
+        _stacked(head.tracker_noise_deg, dtype),
+        as_array(head.person_sd),
+        bursts,
+        1 / as_array(rate_hz),
+        frames,
+    )
+    return jnp.deg2rad(path_deg)
 
 
 @jax.jit
 def _covariance(head: HeadMotion, lag_s: Array) -> Array:
-    system = _system(head, lag_s.dtype)
+    return components.covariance(_parts(head, lag_s.dtype), lag_s)
 
-    def law(lag_s: Scalar) -> Float[Array, "3"]:
-        # All terms are positive: nothing cancels.
-        change, _ = system.sampled(jnp.abs(lag_s))
-        start = system.stationary[:, :, 0]
-        return system.angle_unit_deg**2 * (start + _apply(change, start))[:, 0]
 
-    return _each(law)(lag_s)
+@jax.jit
+def _structure_function(head: HeadMotion, lag_s: Array) -> Array:
+    return components.structure_function(_parts(head, lag_s.dtype), lag_s)
 
 
 @jax.jit
 def _increment_covariance(head: HeadMotion, lag: Array, rate_hz: Scalar) -> Array:
     dtype = _dtype(head)
-    system = _system(head, dtype)
-    frame_time_s = 1 / jnp.asarray(rate_hz, dtype)
-    change, noise = system.sampled(frame_time_s)
-    # The increment is `angle_change @ state + noise`, in terms of the state before it:
-    # a sum of positive terms, where differences of `covariance` would cancel.
-    angle_change = change[:, 0]
-    before = _apply(system.stationary, angle_change)
-    variance = jnp.sum(angle_change * before, axis=-1) + noise[:, 0, 0]
-    after = before + _apply(change, before) + noise[:, :, 0]
-    # Stationary: the angle after an increment covaries with it by half its variance.
-    after = after.at[:, 0].set(variance / 2)
-    tracker = system.tracker_noise_deg**2
-
-    def law(lag: Array) -> Float[Array, "3"]:
-        lag = jnp.abs(lag)
-        between_s = jnp.maximum(lag - 1, 0).astype(dtype) * frame_time_s
-        later = after + _apply(system.sampled(between_s)[0], after)
-        ahead = jnp.sum(angle_change * later, axis=-1)
-        covariance = system.angle_unit_deg**2 * jnp.where(lag == 0, variance, ahead)
-        # Neighbours share one noise value, with opposite signs.
-        return covariance + jnp.select([lag == 0, lag == 1], [2 * tracker, -tracker], 0)
-
-    return _each(law)(lag)
+    law = components.increment_covariance(_parts(head, dtype), lag, rate_hz)
+    # Neighbours share one noise value, with opposite signs.
+    shared = jnp.select([lag == 0, abs(lag) == 1], [2, -1], 0).astype(dtype)
+    noise = _stacked(head.tracker_noise_deg, dtype) ** 2
+    return law + jnp.multiply.outer(shared, noise)
 
 
 @jax.jit
 def _velocity_spectrum(head: HeadMotion, frequency_hz: Array) -> Array:
-    system = _system(head, frequency_hz.dtype)
-    a, b = -system.drift[:, 1, 1], -system.drift[:, 0, 0]
-
-    def law(frequency_hz: Scalar) -> Float[Array, "3"]:
-        w = 2 * jnp.pi * frequency_hz
-        # 4 s^2 tau / (1 + (w tau)^2) of v, times w^2 / (w^2 + b^2) of the spring.
-        density = 4 * system.angle_unit_deg**2 * a / (1 + (w / a) ** 2)
-        return density * w**2 / (w**2 + b**2)
-
-    return _each(law)(frequency_hz)
+    parts = _parts(head, frequency_hz.dtype)
+    return components.velocity_spectrum(parts, frequency_hz)
 
 
 @jax.jit
 def _sampled_velocity_spectrum(
     head: HeadMotion, frequency_hz: Array, rate_hz: Scalar
 ) -> Array:
-    system = _system(head, frequency_hz.dtype)
-    rate_hz = jnp.asarray(rate_hz, frequency_hz.dtype)
-    change, noise = system.sampled(1 / rate_hz)
-    spread = jnp.linalg.cholesky(noise)
+    dtype = frequency_hz.dtype
+    parts = _parts(head, dtype)
+    law = components.sampled_velocity_spectrum(parts, frequency_hz, rate_hz)
+    rate_hz = jnp.asarray(rate_hz, dtype)
+    filtered = 8 * rate_hz * jnp.sin(jnp.pi * frequency_hz / rate_hz) ** 2
+    noise = _stacked(head.tracker_noise_deg, dtype) ** 2
+    return law + jnp.multiply.outer(filtered, noise)
 
-    def law(frequency_hz: Scalar) -> Float[Array, "3"]:
-        # The state is (z - transition)^-1 spread w of white w, z on the unit circle;
-        # the increment is (z - 1) x. All in squares, by z - 1 = real + i imaginary.
-        phase = 2 * jnp.pi * frequency_hz / rate_hz
-        real, imaginary = -2 * jnp.sin(phase / 2) ** 2, jnp.sin(phase)
-        squared = lambda shift: (real - shift) ** 2 + imaginary**2
-        angle, from_speed, speed = change[:, 0, 0], change[:, 0, 1], change[:, 1, 1]
-        first = (real - speed) * spread[:, 0, 0] + from_speed * spread[:, 1, 0]
-        second = from_speed * spread[:, 1, 1]
-        power = first**2 + (imaginary * spread[:, 0, 0]) ** 2 + second**2
-        power = power * squared(0.0) / (squared(angle) * squared(speed))
-        tracker = 8 * system.tracker_noise_deg**2 * rate_hz * jnp.sin(phase / 2) ** 2
-        return 2 * rate_hz * system.angle_unit_deg**2 * power + tracker
 
-    return _each(law)(frequency_hz)
+@partial(jax.jit, static_argnames="frames")
+def _increment_kurtosis(
+    head: HeadMotion, amplitude: Amplitude, rate_hz: Scalar, frames: int
+) -> Float[Array, "3"]:
+    # Given the amplitude an increment is normal: its kurtosis is 3 times the relative
+    # variance of its variance, the sum of what each frame's noise gives times a^2, with
+    # cov(a^2, a'^2) = exp(4 sd^2 correlation) - 1.
+    dtype = _dtype(head)
+    given = components.turn_memory(_parts(head, dtype), rate_hz, frames)
+    pairs = jax.vmap(partial(jax.scipy.signal.correlate, method="fft"), 1, 1)
+    pairs = pairs(given, given)  # by lag, from 1 - frames to frames - 1
+    lag_s = jnp.abs(jnp.arange(1 - frames, frames)).astype(dtype) / rate_hz
+    correlation = jnp.exp(-lag_s / jnp.asarray(amplitude.correlation_time_s, dtype))
+    shared = jnp.expm1(4 * jnp.asarray(amplitude.sd, dtype) ** 2 * correlation)
+    variance_of_variance = jnp.sum(pairs * shared[:, None], axis=0)
+    tracker = 2 * _stacked(head.tracker_noise_deg, dtype) ** 2
+    return 3 * variance_of_variance / (jnp.sum(given, axis=0) + tracker) ** 2

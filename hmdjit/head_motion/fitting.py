@@ -1,0 +1,297 @@
+"""Fit the head model to recorded heads.
+
+Spectra are fitted by Whittle's likelihood (`whittle`); each subject has a scale, and
+the spread of the scales is `person_sd`. Return time and amplitude are fitted to moments
+(`moments`). Standard errors are sandwich estimates over clusters:
+subjects, or windows where there are fewer than five subjects.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.stats
+from jaxtyping import Array, Float64
+
+from .. import _checks
+from . import moments, spectra, whittle
+from .process import HeadMotion
+from .spectra import Periodograms
+from .trace import Trace
+from .whittle import ORDERS, Data, Search
+
+_MIN_STILL_S = 30.0
+_MIN_WINDOWS = 8
+_MIN_SUBJECTS = 5
+_FOLDS = 5
+_LEVEL = 0.95
+
+_PERSON_SD = 0.17  # where there are too few subjects: that of seated persons
+
+
+class NotEnoughDataError(ValueError):
+    """The traces hold too little still data to fit; says how much, and why."""
+
+
+class Fit(NamedTuple):
+    """A fitted head, and how sure it is.
+
+    - `head`: the model.
+    - `standard_error`: of each of its numbers, in the same places; NaN where a number
+      was not fitted.
+    - `low`, `high`: 95 % intervals in the same places, NaN likewise.
+    - `clusters`: what the errors are over, in words.
+    - `held_out_deviance`: by order, its mean per window, frequency and axis of data
+      that were left out; empty when the order was given.
+    - `subjects`, `windows`, `still_s`, `recorded_s`, `rate_hz`: what was fitted to.
+    """
+
+    head: HeadMotion
+    standard_error: HeadMotion
+    low: HeadMotion
+    high: HeadMotion
+    clusters: str
+    held_out_deviance: dict[int, float]
+    subjects: int
+    windows: int
+    still_s: float
+    recorded_s: float
+    rate_hz: float
+
+
+def fit(
+    traces: Sequence[Trace],
+    *,
+    order: int | None = None,
+    max_speed_deg_s: float = 5.0,
+) -> Fit:
+    """Fit head motion to the still segments of recorded traces.
+
+    **Arguments:**
+
+    - `traces`: recordings at one frame rate (within 2 %); `Trace.subject` says whose.
+    - `order`: resonances per axis, 0 (model A), 1 or 2; None takes the smallest whose
+      deviance on held-out subjects (blocks of time, of fewer than 3 subjects) is within
+      a standard error of the best.
+    - `max_speed_deg_s`: what is still, see `Trace.still_segments`.
+
+    **Errors:** `NotEnoughDataError`, a `ValueError`, for less than 30 s of still data
+    or 8 windows of 4 s; `ValueError` for mixed rates and `order`.
+
+    **Source:** Whittle's likelihood, debiased (Sykulski et al., Biometrika 106(2),
+    2019), of the spectrum of sampled frame differences.
+    """
+    if order is not None:
+        _checks.one_of("order", str(order), map(str, ORDERS))
+    segments, rate_hz = still_data(traces, max_speed_deg_s)
+    periodograms = Periodograms.of(segments, rate_hz)
+    _check_amount(traces, segments, periodograms)
+    orders = ORDERS if order is None else (order,)
+    found = {
+        order: whittle.best_search(whittle.data_of(periodograms, order), order)
+        for order in orders
+    }
+    held_out = {}
+    if order is None:
+        scores = {
+            order: _held_out(periodograms, order, search)
+            for order, search in found.items()
+        }
+        held_out = {order: float(np.mean(score)) for order, score in scores.items()}
+        order = _smallest_good(scores)
+    return Fit(
+        *_estimate(periodograms, segments, found[order], order),
+        held_out,
+        len(periodograms.subjects),
+        len(periodograms.power),
+        sum(segment.duration_s for segment in segments),
+        sum(trace.duration_s for trace in traces),
+        rate_hz,
+    )
+
+
+def still_data(
+    traces: Sequence[Trace], max_speed_deg_s: float = 5.0
+) -> tuple[list[Trace], float]:
+    """Still segments of traces that share a frame rate, and that rate, Hz."""
+    if not traces:
+        raise ValueError("traces must name at least one recording, got none.")
+    rates = [trace.rate_hz for trace in traces]
+    rate_hz = float(np.median(rates))
+    for trace, rate in zip(traces, rates, strict=True):
+        if abs(rate / rate_hz - 1) > 0.02:
+            raise ValueError(
+                f"traces must share one frame rate within 2 % to be used together: "
+                f"{trace.name} has {rate:.2f} Hz, the median is {rate_hz:.2f} Hz."
+            )
+    segments = [s for trace in traces for s in trace.still_segments(max_speed_deg_s)]
+    return segments, rate_hz
+
+
+def _check_amount(
+    traces: Sequence[Trace], segments: Sequence[Trace], periodograms: Periodograms
+) -> None:
+    still_s = sum(segment.duration_s for segment in segments)
+    windows = len(periodograms.power)
+    if still_s < _MIN_STILL_S or windows < _MIN_WINDOWS:
+        longest_s = max((segment.duration_s for segment in segments), default=0.0)
+        raise NotEnoughDataError(
+            f"traces must hold at least {_MIN_STILL_S:g} s of still data, in at least "
+            f"{_MIN_WINDOWS} windows of {spectra.WINDOW_S:g} s; got {still_s:.1f} s in "
+            f"{len(segments)} segments of at most {longest_s:.1f} s ({windows} "
+            f"windows), of {sum(trace.duration_s for trace in traces):.1f} s recorded."
+        )
+
+
+# --- the order ---
+
+
+def _held_out(
+    periodograms: Periodograms, order: int, found: Search
+) -> Float64[np.ndarray, " units"]:
+    """Deviance per window, frequency and axis of each unit, when it is left out."""
+    if len(periodograms.subjects) < 3:
+        periodograms = periodograms.in_blocks(_FOLDS)
+        found = eqx.tree_at(lambda s: s.log_scale, found, jnp.zeros(_FOLDS))
+    data = whittle.data_of(periodograms, order)
+    units = len(data.weight)
+    fold = np.arange(units) % min(_FOLDS, units)
+    deviance = np.zeros(units)
+    for i in range(fold.max() + 1):
+        left_out = jnp.asarray(fold == i, float) * data.weight
+        rest = eqx.tree_at(lambda d: d.weight, data, data.weight - left_out)
+        trained = whittle.refine(found, rest)
+        deviance += np.asarray(whittle.held_out_deviances(trained, data, left_out))
+    return deviance / (np.asarray(data.weight) * data.power[0].size)
+
+
+def _smallest_good(scores: dict[int, Float64[np.ndarray, " units"]]) -> int:
+    best = min(scores, key=lambda order: np.mean(scores[order]))
+    for order in sorted(scores):
+        worse = scores[order] - scores[best]
+        if np.mean(worse) <= np.std(worse, ddof=1) / np.sqrt(len(worse)):
+            return order
+    return best
+
+
+# --- the estimate and its errors ---
+
+
+def _estimate(
+    periodograms: Periodograms, segments: Sequence[Trace], search: Search, order: int
+) -> tuple[HeadMotion, HeadMotion, HeadMotion, HeadMotion, str]:
+    """Return the head, its standard errors, both ends of its intervals, their kind."""
+    rate_hz, subjects = periodograms.rate_hz, len(periodograms.subjects)
+    over_subjects = subjects >= _MIN_SUBJECTS
+    data = whittle.data_of(periodograms, order)
+    person_sd = _PERSON_SD
+    if over_subjects:
+        person_sd = float(jnp.std(whittle.centred(search, data), ddof=1))
+    values = np.exp(np.asarray(whittle.log_values(search, data), float))
+    head = whittle.head_of(values, moments.DEFAULT_RETURN_TIME_S, person_sd)
+    returned = moments.return_time(segments, head, rate_hz, over_subjects=over_subjects)
+
+    # The spring takes a little from the lowest frequencies: fit again with it.
+    data = whittle.data_of(periodograms, order, returned.value)
+    search = whittle.refine(search, data)
+    log_values = np.asarray(whittle.log_values(search, data), float)
+    log_scale = np.asarray(whittle.centred(search, data), float)
+    pull = _pull(periodograms, search, data)
+    of_values = pull[:, : log_values.size].reshape(-1, *log_values.shape)
+    person_error = np.nan
+    if over_subjects:
+        owner = periodograms.subject
+        sums = lambda pulls: np.stack(
+            [pulls[owner == i].sum(axis=0) for i in range(subjects)]
+        )
+        # A new subject brings a new scale, which all speeds share.
+        of_values = sums(of_values)
+        of_values[:, [0, *range(3, len(log_values), 3)]] += (
+            log_scale[:, None, None] / subjects
+        )
+        noise = np.diag(sums(pull[:, log_values.size :] ** 2))
+        spread = np.var(log_scale, ddof=1)
+        person_sd = float(np.sqrt(max(spread - np.mean(noise), 0.0)))
+        person_error = float(np.sqrt(spread / (2 * (subjects - 1))))
+    clusters = len(of_values)
+    variance = np.sum(of_values**2, axis=0) * clusters / (clusters - 1)
+    log_error = np.sqrt(variance)
+    quantile = float(scipy.stats.t.ppf((1 + _LEVEL) / 2, clusters - 1))
+
+    values = np.exp(log_values)
+    head = whittle.head_of(values.tolist(), returned.value, person_sd)
+    bursts = moments.amplitude(segments, head, rate_hz, over_subjects=over_subjects)
+    head = moments.with_amplitude(head, bursts.value)
+
+    def end(side: int) -> HeadMotion:
+        step = side * quantile
+        return _in_place(
+            head,
+            values * np.exp(step * log_error),
+            returned.value * np.exp(step * returned.error),
+            np.maximum(person_sd + step * person_error, 0.0),
+            np.maximum(bursts.value + step * bursts.error, 0.0),
+        )
+
+    error_s = returned.value * returned.error
+    errors = _in_place(head, values * log_error, error_s, person_error, bursts.error)
+    kind = (
+        f"{subjects} subjects"
+        if over_subjects
+        else f"{clusters} windows of {subjects} subjects, between these windows only"
+    )
+    return head, errors, end(-1), end(1), kind
+
+
+@eqx.filter_jit
+def _sensitivity(search: Search, data: Data) -> tuple[Array, Array]:
+    """Return expected powers, and their logarithm's gradient by value and scale."""
+
+    def log_expected(values: Array, log_scale: Array) -> Array:
+        scale = whittle.centred(Search(values, log_scale), data)
+        return whittle.log_expected(values, scale, data)
+
+    at = (whittle.log_values(search, data), search.log_scale)
+    gradients = jax.jacfwd(log_expected, (0, 1))(*at)
+    shape = (*data.power.shape, -1)
+    flat = [gradient.reshape(shape) for gradient in gradients]
+    return jnp.exp(log_expected(*at)), jnp.concatenate(flat, axis=-1)
+
+
+def _pull(
+    periodograms: Periodograms, search: Search, data: Data
+) -> Float64[np.ndarray, "windows numbers"]:
+    """How far each window pulls each number: one step of Fisher scoring."""
+    expected, gradient = (np.asarray(x, float) for x in _sensitivity(search, data))
+    owner = periodograms.subject
+    information = np.einsum(
+        "g,gfap,gfaq->pq", periodograms.windows, gradient, gradient, optimize=True
+    )
+    # The mean of the subjects' scales is not determined.
+    inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
+    excess = periodograms.power / expected[owner] - 1
+    return (
+        np.stack(
+            [
+                np.einsum("fa,fap->p", of_window, gradient[subject])
+                for of_window, subject in zip(excess, owner, strict=True)
+            ]
+        )
+        @ inverse
+    )
+
+
+def _in_place(
+    head: HeadMotion,
+    values: Float64[np.ndarray, "parameters 3"],
+    return_time_s: float,
+    person_sd: float,
+    amplitude_sd: float,
+) -> HeadMotion:
+    """Put numbers about a head in the places of the head's own, unchecked."""
+    wander, modes = values[:3].ravel(), values[3:].ravel()
+    flat = [*wander, return_time_s, person_sd, *modes, amplitude_sd, np.nan]
+    return jax.tree.unflatten(jax.tree.structure(head), [float(x) for x in flat])

@@ -1,0 +1,135 @@
+"""What is fitted to moments of the recordings, since their spectra do not tell.
+
+The spectrum of windows of 4 s says nothing about the slow return to the hold pose, and
+no spectrum tells bursts from a Gaussian process. So the return time is the one whose
+wander within 10 s was recorded, and the amplitude's spread the one that gives
+velocities the recorded shape.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+import scipy.optimize
+from jaxtyping import Float64
+
+from .process import Amplitude, HeadMotion
+from .spectra import Turns
+from .statistics import block_variances, expected_block_variance
+from .trace import Trace
+
+DEFAULT_RETURN_TIME_S = 15.0  # where the recordings are too short to tell
+_RETURN_TIMES_S = (1.0, 100.0)
+_BLOCK_S = 10.0
+_MIN_BLOCKS = 10
+_MAX_LOG_ERROR = 1.0  # an estimate that may be e times too large or small says nothing
+_AMPLITUDE_TIME_S = 0.4  # squared speeds of two axes covary for 0.3 to 0.5 s
+_AMPLITUDE_SDS = (0.0, 1.5)
+_BURST_BLOCK = 360  # frames, about a window: errors over windows take them as one
+
+
+class Moment(NamedTuple):
+    """A number and its standard error; NaN where it was not fitted."""
+
+    value: float
+    error: float
+
+
+def return_time(
+    segments: Sequence[Trace], head: HeadMotion, rate_hz: float, *, over_subjects: bool
+) -> Moment:
+    """Return time, s, whose wander in 10 s is the recorded one; error of its logarithm.
+
+    Axes count alike: it is the geometric mean of their mean squares that agrees.
+    """
+    blocks, owners = [], []
+    for segment in segments:
+        found = block_variances([Turns.of(segment).path_deg], _BLOCK_S * rate_hz)
+        blocks.append(found)
+        owners += [segment.subject] * len(found)
+    variances = np.concatenate(blocks)
+    if len(variances) < _MIN_BLOCKS:
+        return Moment(DEFAULT_RETURN_TIME_S, np.nan)
+    recorded = variances.mean(axis=0)
+    pull = np.mean(variances / recorded - 1, axis=1) / len(variances)
+
+    def excess(log_time: float) -> float:
+        sprung = eqx.tree_at(lambda h: h.return_time_s, head, float(np.exp(log_time)))
+        expected = expected_block_variance(sprung, _BLOCK_S * rate_hz, rate_hz)
+        return float(np.mean(np.log(expected / recorded)))
+
+    groups = owners if over_subjects else range(len(pull))
+    root, error = _root(excess, np.log(_RETURN_TIMES_S), _spread(pull, groups))
+    if not error <= _MAX_LOG_ERROR:
+        return Moment(DEFAULT_RETURN_TIME_S, np.nan)
+    return Moment(float(np.exp(root)), error)
+
+
+def amplitude(
+    segments: Sequence[Trace], head: HeadMotion, rate_hz: float, *, over_subjects: bool
+) -> Moment:
+    """Spread of the amplitude whose mean absolute velocity over RMS was recorded.
+
+    Geary's ratio, of each axis and subject by itself, averaged. It tells a Gaussian
+    process (0.798) from one in bursts by the bulk of its velocities, where kurtosis
+    hangs on the few largest bursts.
+    """
+    velocities: dict[str, list[np.ndarray]] = {}
+    for segment in segments:
+        turns = Turns.of(segment)
+        whole = turns.velocity_deg_s[turns.frames == 1]
+        velocities.setdefault(segment.subject, []).append(whole)
+    sums, counts, owners = [], [], []
+    for subject, parts in velocities.items():
+        velocity = np.concatenate(parts)
+        relative = np.abs(velocity) / np.sqrt(np.mean(velocity**2, axis=0))
+        starts = np.arange(0, len(relative), _BURST_BLOCK)
+        moments = np.stack([relative, relative**2]).mean(axis=2)
+        sums.append(np.add.reduceat(moments, starts, axis=1))
+        counts.append(np.diff(np.append(starts, len(relative))))
+        owners += [subject] * len(starts)
+    (firsts, seconds), counts = np.concatenate(sums, axis=1), np.concatenate(counts)
+    recorded = np.sum(firsts) / np.sum(counts)
+    # A block moves the mean, and the RMS that it is taken by.
+    pull = firsts - recorded * (counts + seconds) / 2
+    pull = pull / np.sum(counts)
+
+    def excess(sd: float) -> float:
+        kurtosis = np.asarray(with_amplitude(head, sd).increment_kurtosis(rate_hz))
+        # Given the amplitude a velocity is normal; its variance is close to log-normal.
+        ratio = np.sqrt(2 / np.pi) * (1 + kurtosis / 3) ** (-1 / 8)
+        return recorded - float(np.mean(ratio))
+
+    groups = owners if over_subjects else range(len(pull))
+    return Moment(*_root(excess, np.array(_AMPLITUDE_SDS), _spread(pull, groups)))
+
+
+def with_amplitude(head: HeadMotion, sd: float) -> HeadMotion:
+    """Let a head move in bursts and lulls."""
+    bursts = Amplitude(sd, _AMPLITUDE_TIME_S)
+    return eqx.tree_at(
+        lambda h: h.amplitude, head, bursts, is_leaf=lambda leaf: leaf is None
+    )
+
+
+def _spread(pull: Float64[np.ndarray, " units"], groups: Sequence) -> float:
+    """Return the standard error of a sum whose units come in groups."""
+    _, group = np.unique(np.asarray(groups), return_inverse=True)
+    of_group = np.bincount(group, weights=pull)
+    return float(np.sqrt(np.sum(of_group**2) * len(of_group) / (len(of_group) - 1)))
+
+
+def _root(
+    excess: Callable[[float], float], ends: np.ndarray, error: float
+) -> tuple[float, float]:
+    """Root of a rising function and its error; an end, of unknown error, beyond it."""
+    low, high = map(float, ends)
+    if excess(low) >= 0:
+        return low, np.nan
+    if excess(high) <= 0:
+        return high, np.nan
+    root = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))  # pyright: ignore[reportArgumentType]
+    step = 1e-2 * (high - low)
+    slope = (excess(root + step) - excess(root - step)) / (2 * step)
+    return root, error / slope
