@@ -193,12 +193,14 @@ def turn_memory(
     """Variance that one frame's noise gives to the turn `lag` frames later, deg^2."""
     change, noise = parts.sampled(1 / jnp.asarray(rate_hz, parts.drift.dtype))
     spread = jnp.linalg.cholesky(noise)
-    columns = jnp.moveaxis(spread, -1, 0)  # (2 sources, parts, 3, 2)
+    unit_deg = parts.angle_unit_deg[None, :, :, None]
+    first = unit_deg * jnp.moveaxis(spread, -1, 0)  # (2 sources, parts, 3, 2)
+    moved = jax.vmap(apply, (None, 0))
 
     def later(state: Array, _: Any) -> tuple[Array, Array]:
-        turn = apply(change, state)
+        turn = moved(change, state)
         return state + turn, turn[..., 0]
 
-    _, turns = jax.lax.scan(later, columns, length=frames - 1)
-    turns = jnp.concatenate([columns[None, ..., 0], turns])
-    return jnp.sum(parts.angle_unit_deg**2 * turns**2, axis=(1, 2))
+    _, turns = jax.lax.scan(later, first, length=frames - 1)
+    turns = jnp.concatenate([first[None, ..., 0], turns])
+    return jnp.sum(turns**2, axis=(1, 2))

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.stats
-from jaxtyping import Array, Float64
+from jaxtyping import Array, Float64, Int
 
 from .. import _checks
 from . import moments, spectra, whittle
@@ -180,6 +180,15 @@ def _smallest_good(scores: dict[int, Float64[np.ndarray, " units"]]) -> int:
 # --- the estimate and its errors ---
 
 
+class _Spread(NamedTuple):
+    """A number, its standard error and the ends of its interval."""
+
+    value: float
+    error: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+
+
 def _estimate(
     periodograms: Periodograms, segments: Sequence[Trace], search: Search, order: int
 ) -> tuple[HeadMotion, HeadMotion, HeadMotion, HeadMotion, str]:
@@ -187,10 +196,10 @@ def _estimate(
     rate_hz, subjects = periodograms.rate_hz, len(periodograms.subjects)
     over_subjects = subjects >= _MIN_SUBJECTS
     data = whittle.data_of(periodograms, order)
+    values = np.exp(np.asarray(whittle.log_values(search, data), float))
     person_sd = _PERSON_SD
     if over_subjects:
         person_sd = float(jnp.std(whittle.centred(search, data), ddof=1))
-    values = np.exp(np.asarray(whittle.log_values(search, data), float))
     head = whittle.head_of(values, moments.DEFAULT_RETURN_TIME_S, person_sd)
     returned = moments.return_time(segments, head, rate_hz, over_subjects=over_subjects)
 
@@ -198,52 +207,113 @@ def _estimate(
     data = whittle.data_of(periodograms, order, returned.value)
     search = whittle.refine(search, data)
     log_values = np.asarray(whittle.log_values(search, data), float)
-    log_scale = np.asarray(whittle.centred(search, data), float)
-    pull = _pull(periodograms, search, data)
-    of_values = pull[:, : log_values.size].reshape(-1, *log_values.shape)
-    person_error = np.nan
+    scoring = _Scoring.of(periodograms, search, data)
+    cluster = np.arange(len(periodograms.subject))
+    person = _Spread(_PERSON_SD)
     if over_subjects:
-        owner = periodograms.subject
-        sums = lambda pulls: np.stack(
-            [pulls[owner == i].sum(axis=0) for i in range(subjects)]
-        )
-        # A new subject brings a new scale, which all speeds share.
-        of_values = sums(of_values)
-        of_values[:, [0, *range(3, len(log_values), 3)]] += (
-            log_scale[:, None, None] / subjects
-        )
-        noise = np.diag(sums(pull[:, log_values.size :] ** 2))
-        spread = np.var(log_scale, ddof=1)
-        person_sd = float(np.sqrt(max(spread - np.mean(noise), 0.0)))
-        person_error = float(np.sqrt(spread / (2 * (subjects - 1))))
-    clusters = len(of_values)
-    variance = np.sum(of_values**2, axis=0) * clusters / (clusters - 1)
-    log_error = np.sqrt(variance)
+        cluster = periodograms.subject
+        log_scale = np.asarray(whittle.centred(search, data), float)
+        person = _person_sd(log_scale, scoring.noise(log_values.size))
+    pulls = scoring.jackknife(cluster)[:, : log_values.size]
+    pulls = pulls.reshape(-1, *log_values.shape)
+    if over_subjects:
+        # A subject brings its scale, which all speeds share.
+        speeds = [0, *range(3, len(log_values), 3)]
+        pulls[:, speeds] += log_scale[:, None, None] / (subjects - 1)
+    clusters = len(pulls)
+    log_error = np.sqrt(np.sum(pulls**2, axis=0) * (clusters - 1) / clusters)
     quantile = float(scipy.stats.t.ppf((1 + _LEVEL) / 2, clusters - 1))
 
     values = np.exp(log_values)
-    head = whittle.head_of(values.tolist(), returned.value, person_sd)
+    head = whittle.head_of(values.tolist(), returned.value, person.value)
     bursts = moments.amplitude(segments, head, rate_hz, over_subjects=over_subjects)
     head = moments.with_amplitude(head, bursts.value)
-
-    def end(side: int) -> HeadMotion:
-        step = side * quantile
-        return _in_place(
+    errors = _in_place(
+        head,
+        values * log_error,
+        returned.value * returned.error,
+        person.error,
+        bursts.error,
+    )
+    low, high = (
+        _in_place(
             head,
             values * np.exp(step * log_error),
             returned.value * np.exp(step * returned.error),
-            np.maximum(person_sd + step * person_error, 0.0),
+            person_end,
             np.maximum(bursts.value + step * bursts.error, 0.0),
         )
-
-    error_s = returned.value * returned.error
-    errors = _in_place(head, values * log_error, error_s, person_error, bursts.error)
+        for step, person_end in ((-quantile, person.low), (quantile, person.high))
+    )
     kind = (
         f"{subjects} subjects"
         if over_subjects
         else f"{clusters} windows of {subjects} subjects, between these windows only"
     )
-    return head, errors, end(-1), end(1), kind
+    return head, errors, low, high, kind
+
+
+def _person_sd(
+    log_scale: Float64[np.ndarray, " subjects"],
+    noise: Float64[np.ndarray, " subjects"],
+) -> _Spread:
+    """Spread of the subjects' scales, beyond what each is uncertain by."""
+    freedom = len(log_scale) - 1
+    variance = np.var(log_scale, ddof=1)
+    beyond = lambda variance: float(np.sqrt(max(variance - np.mean(noise), 0.0)))
+    shares = np.array([(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
+    ends = variance * freedom / scipy.stats.chi2.ppf(shares, freedom)
+    error = float(np.sqrt(variance / (2 * freedom)))
+    return _Spread(beyond(variance), error, *map(beyond, ends))
+
+
+class _Scoring(NamedTuple):
+    """Fisher scoring at the estimate: numbers are the values, then the scales.
+
+    - `score`: of each window.
+    - `information`: of a window of each subject.
+    - `subject`: of each window.
+    """
+
+    score: Float64[np.ndarray, "windows numbers"]
+    information: Float64[np.ndarray, "subjects numbers numbers"]
+    subject: Int[np.ndarray, " windows"]
+
+    @classmethod
+    def of(cls, periodograms: Periodograms, search: Search, data: Data) -> "_Scoring":
+        expected, gradient = (np.asarray(x, float) for x in _sensitivity(search, data))
+        expected = expected.reshape(len(expected), -1)
+        gradient = gradient.reshape(*expected.shape, -1)
+        subject = periodograms.subject
+        power = periodograms.power.reshape(len(subject), -1)
+        excess = power / expected[subject] - 1
+        score = [e @ gradient[i] for e, i in zip(excess, subject, strict=True)]
+        information = np.stack([g.T @ g for g in gradient])
+        return cls(np.stack(score), information, subject)
+
+    def jackknife(
+        self, cluster: Int[np.ndarray, " windows"]
+    ) -> Float64[np.ndarray, "clusters numbers"]:
+        """How far the estimate moves, in one step, when a cluster is left out."""
+        of_window = self.information[self.subject]
+        whole = of_window.sum(axis=0)
+        moves = []
+        for i in range(cluster.max() + 1):
+            rest = whole - of_window[cluster == i].sum(axis=0)
+            moves.append(_inverse(rest) @ self.score[cluster == i].sum(axis=0))
+        return np.stack(moves)
+
+    def noise(self, values: int) -> Float64[np.ndarray, " subjects"]:
+        """Variance of each subject's scale between its windows."""
+        inverse = _inverse(self.information[self.subject].sum(axis=0))
+        step = self.score @ inverse[:, values:]
+        squared = step[np.arange(len(step)), self.subject] ** 2
+        return np.bincount(self.subject, weights=squared)
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    # The mean of the scales, and that of who was left out, are not determined.
+    return np.linalg.pinv(information, rcond=1e-10, hermitian=True)
 
 
 @eqx.filter_jit
@@ -259,29 +329,6 @@ def _sensitivity(search: Search, data: Data) -> tuple[Array, Array]:
     shape = (*data.power.shape, -1)
     flat = [gradient.reshape(shape) for gradient in gradients]
     return jnp.exp(log_expected(*at)), jnp.concatenate(flat, axis=-1)
-
-
-def _pull(
-    periodograms: Periodograms, search: Search, data: Data
-) -> Float64[np.ndarray, "windows numbers"]:
-    """How far each window pulls each number: one step of Fisher scoring."""
-    expected, gradient = (np.asarray(x, float) for x in _sensitivity(search, data))
-    owner = periodograms.subject
-    information = np.einsum(
-        "g,gfap,gfaq->pq", periodograms.windows, gradient, gradient, optimize=True
-    )
-    # The mean of the subjects' scales is not determined.
-    inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
-    excess = periodograms.power / expected[owner] - 1
-    return (
-        np.stack(
-            [
-                np.einsum("fa,fap->p", of_window, gradient[subject])
-                for of_window, subject in zip(excess, owner, strict=True)
-            ]
-        )
-        @ inverse
-    )
 
 
 def _in_place(

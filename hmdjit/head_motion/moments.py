@@ -26,7 +26,8 @@ _MIN_BLOCKS = 10
 _MAX_LOG_ERROR = 1.0  # an estimate that may be e times too large or small says nothing
 _AMPLITUDE_TIME_S = 0.4  # squared speeds of two axes covary for 0.3 to 0.5 s
 _AMPLITUDE_SDS = (0.0, 1.5)
-_BURST_BLOCK = 360  # frames, about a window: errors over windows take them as one
+_BURST_BLOCK = 360  # frames, far longer than a burst
+_QUADRATURE = 40
 
 
 class Moment(NamedTuple):
@@ -80,29 +81,63 @@ def amplitude(
         turns = Turns.of(segment)
         whole = turns.velocity_deg_s[turns.frames == 1]
         velocities.setdefault(segment.subject, []).append(whole)
-    sums, counts, owners = [], [], []
+    ratios, weights, owners = [], [], []
     for subject, parts in velocities.items():
         velocity = np.concatenate(parts)
-        relative = np.abs(velocity) / np.sqrt(np.mean(velocity**2, axis=0))
-        starts = np.arange(0, len(relative), _BURST_BLOCK)
-        moments = np.stack([relative, relative**2]).mean(axis=2)
-        sums.append(np.add.reduceat(moments, starts, axis=1))
-        counts.append(np.diff(np.append(starts, len(relative))))
-        owners += [subject] * len(starts)
-    (firsts, seconds), counts = np.concatenate(sums, axis=1), np.concatenate(counts)
-    recorded = np.sum(firsts) / np.sum(counts)
-    # A block moves the mean, and the RMS that it is taken by.
-    pull = firsts - recorded * (counts + seconds) / 2
-    pull = pull / np.sum(counts)
+        of_blocks = _geary_pseudo_values(velocity)
+        ratios.append(of_blocks)
+        weights.append(np.full(len(of_blocks), len(velocity) / len(of_blocks)))
+        owners += [subject] * len(of_blocks)
+    ratio, weight = np.concatenate(ratios), np.concatenate(weights)
+    weight /= np.sum(weight)
+    recorded = np.sum(weight * ratio)
 
     def excess(sd: float) -> float:
-        kurtosis = np.asarray(with_amplitude(head, sd).increment_kurtosis(rate_hz))
-        # Given the amplitude a velocity is normal; its variance is close to log-normal.
-        ratio = np.sqrt(2 / np.pi) * (1 + kurtosis / 3) ** (-1 / 8)
-        return recorded - float(np.mean(ratio))
+        expected = geary_ratio(with_amplitude(head, sd), rate_hz)
+        return float(recorded - np.mean(expected))
 
-    groups = owners if over_subjects else range(len(pull))
-    return Moment(*_root(excess, np.array(_AMPLITUDE_SDS), _spread(pull, groups)))
+    groups = owners if over_subjects else range(len(ratio))
+    error = _spread(weight * (ratio - recorded), groups)
+    return Moment(*_root(excess, np.array(_AMPLITUDE_SDS), error))
+
+
+def _geary_pseudo_values(
+    velocity: Float64[np.ndarray, "frames 3"],
+) -> Float64[np.ndarray, " blocks"]:
+    """Jackknife pseudo-values of one subject's ratio, mean over axes.
+
+    Their mean lacks the bias that taking velocities by their own RMS has.
+    """
+    starts = np.arange(0, len(velocity), _BURST_BLOCK)
+    count = np.diff(np.append(starts, len(velocity)))[:, None]
+    first = np.add.reduceat(np.abs(velocity), starts)
+    second = np.add.reduceat(velocity**2, starts)
+    ratio = lambda first, second, count: np.mean(
+        first / np.sqrt(second * count), axis=1
+    )
+    whole = [np.sum(x, axis=0, keepdims=True) for x in (first, second, count)]
+    if len(starts) == 1:
+        return ratio(*whole)
+    rest = [total - x for total, x in zip(whole, (first, second, count), strict=True)]
+    return len(starts) * ratio(*whole) - (len(starts) - 1) * ratio(*rest)
+
+
+def geary_ratio(head: HeadMotion, rate_hz: float) -> Float64[np.ndarray, "3"]:
+    """Mean absolute velocity over RMS, of one person's frame differences per axis.
+
+    Given the amplitude a velocity is normal. Its variance is taken as the tracker's
+    plus a log-normal one of the spread that `increment_kurtosis` tells; for amplitudes
+    up to 0.6 the ratio is then 0.6 % low at most.
+    """
+    tracker = 2 * np.square(np.array(head.tracker_noise_deg, float))
+    moved = 1 - tracker / np.asarray(head.increment_covariance(0, rate_hz), float)
+    kurtosis = np.asarray(head.increment_kurtosis(rate_hz), float)
+    spread = np.sqrt(np.log1p(kurtosis / 3 / moved**2))
+    levels, weights = np.polynomial.hermite_e.hermegauss(_QUADRATURE)
+    shares = np.exp(np.outer(spread, levels) - spread[:, None] ** 2 / 2)
+    variance = moved[:, None] * shares + (1 - moved)[:, None]
+    mean_root = np.sqrt(variance) @ (weights / np.sum(weights))
+    return np.sqrt(2 / np.pi) * mean_root
 
 
 def with_amplitude(head: HeadMotion, sd: float) -> HeadMotion:

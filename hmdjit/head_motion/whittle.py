@@ -140,7 +140,7 @@ def centred(search: Search, data: Data) -> Float[Array, " subjects"]:
     return search.log_scale - jnp.sum(share * search.log_scale) / jnp.sum(share)
 
 
-def _residuals(
+def deviance_residuals(
     log_expected: Float[Array, "subjects freqs 3"], data: Data
 ) -> Float[Array, "subjects freqs 3"]:
     """Signed roots of the deviance `2 n (r - 1 - log r)`, smooth at r = 1."""
@@ -178,7 +178,7 @@ def _from_starts(
 
     def residuals(logits, data):
         values = log_values(Search(logits, no_scale), data)
-        return _residuals(log_expected(values, no_scale, data), data)
+        return deviance_residuals(log_expected(values, no_scale, data), data)
 
     return jax.vmap(lambda start: _minimise(residuals, start, pooled))(logits)
 
@@ -189,7 +189,9 @@ def refine(search: Search, data: Data) -> Search:
 
     def residuals(search, data):
         values = log_values(search, data)
-        return _residuals(log_expected(values, centred(search, data), data), data)
+        return deviance_residuals(
+            log_expected(values, centred(search, data), data), data
+        )
 
     return _minimise(residuals, search, data)[0]
 
@@ -203,7 +205,7 @@ def held_out_deviances(
     data = eqx.tree_at(lambda d: d.weight, data, held_out)
 
     def residuals(log_scale, data):
-        return _residuals(log_expected(values, log_scale, data), data)
+        return deviance_residuals(log_expected(values, log_scale, data), data)
 
     log_scale, _ = _minimise(residuals, jnp.zeros_like(held_out), data)
     return jnp.sum(residuals(log_scale, data) ** 2, axis=(1, 2))

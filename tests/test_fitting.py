@@ -1,0 +1,287 @@
+"""Fits of the head model: against oracles, on data of known models, and refusals."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+from jax.random import clone
+from scipy.spatial.transform import Rotation
+
+from hmdjit.head_motion import (
+    Amplitude,
+    HeadMotion,
+    Resonator,
+    Trace,
+    fitting,
+    moments,
+    statistics,
+    whittle,
+)
+from hmdjit.head_motion.spectra import Periodograms
+
+RATE_HZ = 30.0
+WANDER = HeadMotion(
+    speed_rms_deg_s=(0.9, 0.7, 0.8),
+    correlation_time_s=(0.15, 0.2, 0.12),
+    tracker_noise_deg=(0.0038, 0.0037, 0.0036),
+    return_time_s=8.0,
+    person_sd=0.17,
+    amplitude=Amplitude(0.4, 0.4),
+)
+RESONANT = eqx.tree_at(
+    lambda h: h.resonators,
+    WANDER,
+    (Resonator((0.6, 0.6, 0.55), (3.2, 2.7, 3.0), (0.23, 0.175, 0.4)),),
+)
+
+
+def traces_of(head, key, subjects, seconds, rate_hz=RATE_HZ):
+    """One trace for each new person."""
+    frames = round(seconds * rate_hz)
+    draw = jax.jit(lambda key: head.rotation_vectors(key, rate_hz, frames))
+    paths = np.asarray(jax.lax.map(draw, jax.random.split(clone(key), subjects)))
+    return [
+        Trace(
+            np.arange(frames) / rate_hz,
+            Rotation.from_rotvec(path).as_quat(scalar_first=True),
+            subject=f"subject {i}",
+        )
+        for i, path in enumerate(paths.astype(float))
+    ]
+
+
+@pytest.fixture(scope="module")
+def wander_traces():
+    return traces_of(WANDER, jax.random.key(7), subjects=6, seconds=20.0)
+
+
+@pytest.fixture(scope="module")
+def wander_fit(wander_traces):
+    return fitting.fit(wander_traces, order=0)
+
+
+# --- the deviance ---
+
+
+def test_residuals_are_roots_of_the_deviance(wander_traces):
+    periodograms = Periodograms.of(wander_traces, RATE_HZ)
+    data = whittle.data_of(periodograms, 0)
+    log_expected = jnp.log(data.power) + np.linspace(-2, 2, data.power.size).reshape(
+        data.power.shape
+    )
+    ratio = np.asarray(data.power / jnp.exp(log_expected))
+    deviance = 2 * (ratio - 1 - np.log(ratio)) * np.asarray(data.weight)[:, None, None]
+    residuals = whittle.deviance_residuals(log_expected, data)
+    # Where the ratio is within 3 % of 1 the oracle keeps 1e-16 of 1, so 2e-8 in a root.
+    np.testing.assert_allclose(residuals**2, deviance, rtol=1e-6, atol=1e-13)
+    assert np.all(np.sign(residuals) == np.sign(ratio - 1))
+
+
+@pytest.mark.parametrize("excess", [0.0, 1e-9, 0.0299999, 0.0300001, 1.0, -3.0])
+def test_residuals_have_derivatives_where_data_meet_the_model(wander_traces, excess):
+    data = whittle.data_of(Periodograms.of(wander_traces, RATE_HZ), 0)
+    at = lambda shift: whittle.deviance_residuals(jnp.log(data.power) - shift, data)[
+        0, 0, 0
+    ]
+    slope = jax.grad(at)(excess)
+    # d root / d excess = expm1(e) / root, which tends to sqrt(n).
+    weight = np.sqrt(float(data.weight[0]))
+    root = np.sqrt(2 * (np.expm1(excess) - excess)) * np.sign(excess)
+    tiny = abs(excess) < 1e-6
+    oracle = weight * (1.0 if tiny else np.expm1(excess) / root)
+    np.testing.assert_allclose(slope, oracle, rtol=1e-6)
+
+
+def whittle_oracle(log_values, frequency_hz, power):
+    """Whittle's deviance of one axis, by the sum over aliases, without leakage."""
+    speed, time, noise = np.exp(log_values)
+    folded = np.abs(frequency_hz[:, None] + RATE_HZ * np.arange(-30, 31))
+    w = 2 * np.pi * folded
+    density = 4 * speed**2 * time / (1 + (w * time) ** 2)
+    density *= w**2 / (w**2 + 1 / 15.0**2) * np.sinc(folded / RATE_HZ) ** 2
+    tracker = 8 * noise**2 * RATE_HZ * np.sin(np.pi * frequency_hz / RATE_HZ) ** 2
+    ratio = power / (density.sum(axis=1) + tracker)
+    return np.sum(ratio - 1 - np.log(ratio))
+
+
+def test_the_minimum_agrees_with_a_plain_whittle_fit(wander_traces):
+    one_person = [
+        Trace(trace.t_s, trace.world_from_head, subject="one")
+        for trace in wander_traces
+    ]
+    periodograms = Periodograms.of(one_person, RATE_HZ)
+    data = whittle.data_of(periodograms, 0)
+    ours = np.asarray(whittle.log_values(whittle.best_search(data, 0), data))
+    for axis in range(3):
+        power = periodograms.power[:, :, axis].mean(axis=0)
+        oracle = scipy.optimize.minimize(
+            whittle_oracle,
+            np.log([0.8, 0.12, 0.004]),
+            (periodograms.frequency_hz, power),
+            method="Nelder-Mead",
+            options={"xatol": 1e-6, "fatol": 1e-9, "maxiter": 4000},
+        )
+        # The oracle does not know the taper's leakage, 1 to 2 % of a smooth spectrum.
+        np.testing.assert_allclose(ours[:, axis], oracle.x, atol=0.05)
+
+
+# --- the fit ---
+
+
+def test_a_fit_is_close_to_the_truth_by_its_own_errors(wander_fit):
+    leaves = lambda head: np.array(jax.tree.leaves(head), float)
+    error = leaves(wander_fit.standard_error)
+    fitted = np.isfinite(error)
+    z = (leaves(wander_fit.head) - leaves(WANDER))[fitted] / error[fitted]
+    # 12 numbers at 5 degrees of freedom: beyond 7 errors in 1 % of such tests.
+    assert np.max(np.abs(z)) < 7
+    assert wander_fit.clusters == "6 subjects"
+    assert wander_fit.subjects == 6
+    low, high = leaves(wander_fit.low)[fitted], leaves(wander_fit.high)[fitted]
+    assert np.all(low <= leaves(wander_fit.head)[fitted])
+    assert np.all(high >= leaves(wander_fit.head)[fitted])
+
+
+def test_heads_are_fitted_in_one_call(wander_traces, wander_fit):
+    head = HeadMotion.fit(wander_traces, order=0)
+    assert jax.tree.leaves(head) == jax.tree.leaves(wander_fit.head)
+
+
+def test_one_subject_has_errors_between_its_windows(wander_traces):
+    one_person = [
+        Trace(trace.t_s, trace.world_from_head, subject="one")
+        for trace in wander_traces
+    ]
+    found = fitting.fit(one_person, order=0)
+    assert found.clusters == "48 windows of 1 subjects, between these windows only"
+    assert np.isnan(found.standard_error.person_sd)
+    assert found.head.person_sd == 0.17
+    assert np.all(np.isfinite(found.standard_error.speed_rms_deg_s))
+
+
+@pytest.mark.slow
+def test_lost_frames_do_not_change_what_is_fitted(key):
+    head = eqx.tree_at(lambda h: h.person_sd, WANDER, 0.0)
+    whole = traces_of(head, key, subjects=8, seconds=60.0)
+    rng = np.random.default_rng(3)
+    lossy = []
+    for trace in whole:
+        kept = rng.random(len(trace.t_s)) < 0.7
+        lossy.append(Trace(trace.t_s[kept], trace.world_from_head[kept]))
+    lossy = [
+        Trace(t.t_s, t.world_from_head, subject=w.subject)
+        for t, w in zip(lossy, whole, strict=True)
+    ]
+    ours, complete = fitting.fit(lossy, order=0), fitting.fit(whole, order=0)
+    for name in ("speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"):
+        error = np.array(getattr(ours.standard_error, name))
+        truth = np.array(getattr(head, name))
+        z = (np.array(getattr(ours.head, name)) - truth) / error
+        # 9 numbers at 7 degrees of freedom: beyond 6 errors in 0.5 % of such tests.
+        assert np.max(np.abs(z)) < 6
+        # Two thirds of the steps lose less than nine tenths of what is known.
+        assert np.all(error < 4 * np.array(getattr(complete.standard_error, name)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("head", "order"), [(WANDER, 0), (RESONANT, 1)])
+def test_held_out_people_choose_the_order(head, order):
+    # Some 1 in 6 would choose one order too many, were it chosen by the minimum.
+    traces = traces_of(head, jax.random.key(5), subjects=10, seconds=60.0)
+    found = fitting.fit(traces, max_speed_deg_s=100.0)
+    assert len(found.head.resonators) == order
+    assert set(found.held_out_deviance) == {0, 1, 2}
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth():
+    # Of 200 intervals at 95 % fewer than 180 cover with probability 0.2 % (binomial).
+    truth = np.array(jax.tree.leaves(RESONANT), float)
+    covered = np.zeros(len(truth), int)
+    for i in range(200):
+        # Selecting still segments would cut the tails of what is to be recovered.
+        traces = traces_of(RESONANT, jax.random.key(i), subjects=20, seconds=40.0)
+        found = fitting.fit(traces, order=1, max_speed_deg_s=1e3)
+        low, high = (
+            np.array(jax.tree.leaves(end), float) for end in (found.low, found.high)
+        )
+        covered += (low <= truth) & (truth <= high)
+    names = [jax.tree_util.keystr(p) for p, _ in jax.tree.leaves_with_path(RESONANT)]
+    print("\n" + "\n".join(f"{n} {c}" for n, c in zip(names, covered, strict=True)))
+    # The amplitude's correlation time is not fitted.
+    assert np.all(covered[:-1] >= 180)
+
+
+# --- moments ---
+
+
+def test_the_return_time_is_found_in_long_recordings(key):
+    head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
+    head = eqx.tree_at(lambda h: h.return_time_s, head, 4.0)
+    traces = traces_of(head, key, subjects=10, seconds=120.0)
+    found = moments.return_time(traces, head, RATE_HZ, over_subjects=True)
+    assert abs(np.log(found.value / 4.0)) < 5 * found.error < 2
+
+
+def test_short_recordings_do_not_tell_the_return_time(wander_traces):
+    short = [t for trace in wander_traces for t in trace.still_segments()]
+    few = [Trace(t.t_s[:200], t.world_from_head[:200]) for t in short]
+    found = moments.return_time(few, WANDER, RATE_HZ, over_subjects=True)
+    assert found.value == moments.DEFAULT_RETURN_TIME_S
+    assert np.isnan(found.error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sd", [0.0, 0.3, 0.6])
+def test_gearys_ratio_agrees_with_simulation(key, sd):
+    head = eqx.tree_at(
+        lambda h: (h.person_sd, h.amplitude.sd), RESONANT, (0.0, float(sd))
+    )
+    path = np.degrees(head.rotation_vectors(key, RATE_HZ, 1_000_000))
+    velocity = np.diff(path, axis=0)
+    ratio = np.mean(np.abs(velocity), axis=0) / np.sqrt(np.mean(velocity**2, axis=0))
+    # Documented: 0.6 % low at most; the simulation's error is near 0.1 %.
+    np.testing.assert_allclose(moments.geary_ratio(head, RATE_HZ), ratio, rtol=0.01)
+    if not sd:
+        np.testing.assert_allclose(
+            moments.geary_ratio(head, RATE_HZ), 0.79788, rtol=1e-4
+        )
+
+
+def test_a_gaussian_head_has_no_bursts(key):
+    head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
+    traces = traces_of(head, key, subjects=10, seconds=60.0)
+    found = moments.amplitude(traces, head, RATE_HZ, over_subjects=True)
+    assert found.value < 0.15
+
+
+# --- what is refused ---
+
+
+def test_too_little_still_data_is_refused_with_reasons(wander_traces):
+    with pytest.raises(fitting.NotEnoughDataError) as refusal:
+        fitting.fit(wander_traces[:1], order=0)
+    assert str(refusal.value) == (
+        "traces must hold at least 30 s of still data, in at least 8 windows of 4 s; "
+        "got 20.0 s in 1 segments of at most 20.0 s (8 windows), of 20.0 s recorded."
+    )
+
+
+def test_mixed_rates_no_traces_and_orders_are_refused(wander_traces):
+    fast = Trace(wander_traces[0].t_s / 2, wander_traces[0].world_from_head, name="f")
+    with pytest.raises(
+        ValueError, match=r"one frame rate within 2 % .* f has 60.00 Hz"
+    ):
+        fitting.fit([*wander_traces, fast])
+    with pytest.raises(ValueError, match="at least one recording, got none"):
+        fitting.fit([])
+    with pytest.raises(ValueError, match="order must be one of 0, 1, 2, got '3'"):
+        fitting.fit(wander_traces, order=3)
+
+
+def test_a_description_needs_a_window(wander_traces):
+    brief = Trace(wander_traces[0].t_s[:60], wander_traces[0].world_from_head[:60])
+    with pytest.raises(ValueError, match=r"must last at least 4 s .* lasts 1\.97 s"):
+        statistics.describe([brief], RATE_HZ)
