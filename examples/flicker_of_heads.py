@@ -79,8 +79,7 @@ def main() -> None:
         print(
             f"{name:28} MTCD {plain.mean:.2f}, ratio {blended.ratio:.3f} "
             f"[{blended.ratio_low:.3f}, {blended.ratio_high:.3f}], detail loss "
-            f"{blended.detail_loss:.1f} +- {spread:.1f}, {blended.sessions} sessions, "
-            f"{blended.interval}",
+            f"{blended.detail_loss:.1f} +- {spread:.1f} ({blended.interval})",
             flush=True,
         )
 

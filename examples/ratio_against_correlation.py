@@ -66,12 +66,16 @@ def main() -> None:
     camera = hj.Camera(refresh_hz=RATE_HZ)
     px_per_deg = float(hj.camera.px_per_deg(camera, np.array([512.0, 512.0]))[0])
     correlations = (0.0, 0.3, 0.5, 0.8, 0.95)
-    seated = hj.HeadMotion.seated()
-    print(f"seated head: {float(seated.increment_rms_deg(RATE_HZ)):.4f} deg per frame")
-    for name, number in (("pitch", 0), ("yaw", 1)):
-        correlation = lag_one_correlation(seated, number)
-        ratio = theory(seated, number)
-        print(f"seated head, {name}: correlation {correlation:.3f}, theory {ratio:.3f}")
+    for preset in ("fixating", "seated"):
+        known = hj.HeadMotion.preset(preset)
+        turned_deg = float(known.increment_rms_deg(RATE_HZ))
+        print(f"{preset} head: {turned_deg:.4f} deg per frame")
+        for name, number in (("pitch", 0), ("yaw", 1)):
+            correlation, ratio = (
+                lag_one_correlation(known, number),
+                theory(known, number),
+            )
+            print(f"  {name}: correlation {correlation:.3f}, theory {ratio:.3f}")
     figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for px_per_frame in (0.1, 0.3, 1.0):
         points = []

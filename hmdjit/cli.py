@@ -1,4 +1,4 @@
-"""The command line: `hmdjit study` and `hmdjit apply`."""
+"""The command line: `hmdjit study`, `hmdjit apply` and `hmdjit head`."""
 
 import dataclasses
 import re
@@ -15,7 +15,7 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import metrics, scenes, simulation, techniques
+from . import cli_head, metrics, scenes, simulation, techniques
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
@@ -56,7 +56,7 @@ StudyCommand = dataclasses.make_dataclass("StudyCommand", _study_fields(), froze
 StudyCommand.__doc__ = """Simulate viewing sessions; report how much each technique
 flickers.
 
-Needs no arguments: eleven scenes, 500 sessions of a seated person, no anti-aliasing,
+Needs no arguments: eleven scenes, 500 sessions of people who fixate, no anti-aliasing,
 MSAA 4x and head movement, the frozen picture as a control and SSAA as the reference. An
 interrupted study goes on where it stopped when the same command is run again.
 """
@@ -82,8 +82,9 @@ class ApplyCommand:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
+    commands: dict[str, Any] = {"study": StudyCommand, "apply": ApplyCommand}
     command: Any = tyro.extras.subcommand_cli_from_dict(
-        {"study": StudyCommand, "apply": ApplyCommand},
+        commands | {"head": cli_head.HeadCommand},
         prog="hmdjit",
         description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
@@ -92,7 +93,13 @@ def run(arguments: Sequence[str]) -> int:
     try:
         if isinstance(command, ApplyCommand):
             return _apply(command, console)
+        if isinstance(command, cli_head.HeadCommand):
+            cli_head.run(command.command, console)
+            return OK
         return _study(command, console)
+    except KeyboardInterrupt:
+        print("hmdjit: stopped.", file=sys.stderr)
+        return INTERRUPTED
     except (ValueError, ImportError) as error:
         return _complain(error, WRONG_INPUT)
     except OSError as error:
@@ -138,11 +145,15 @@ def _study(command: Any, console: rich.console.Console) -> int:
     out = _make_folder(options.out or Path("hmdjit-study"))
 
     camera = study.display
+    is_replay = isinstance(study.head, Replay)  # its windows are counted later
+    sessions = f"{'at most ' if is_replay else ''}{study.sessions}"
+    head = "" if is_replay else f"{options.head or definition.HEAD}, "
     console.print(
         f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
-        f"{_count(study)} sessions of {study.warmup} + {study.frames} frames, "
+        f"{sessions} sessions of {study.warmup} + {study.frames} frames, "
         f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
         f"{camera.refresh_hz:.4g} Hz.\n"
+        f"Head: {head}{study.head}.\n"
         "Compiling each technique when it first runs; finished batches are kept in "
         f"{out}.",
         highlight=False,
@@ -160,15 +171,6 @@ def _study(command: Any, console: rich.console.Console) -> int:
     report.print_table(dataset, console=console)
     console.print(f"Wrote {out / 'result.nc'}, " + ", ".join(map(str, written)) + ".")
     return OK
-
-
-def _count(study: Study) -> str:
-    # How many windows the recordings hold is known when the study runs.
-    return (
-        f"at most {study.sessions}"
-        if isinstance(study.head, Replay)
-        else f"{study.sessions}"
-    )
 
 
 class _Bar:

@@ -34,6 +34,7 @@ LINES = [
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers
+    ("cli_head",),
     ("cli",),
     ("__main__",),
 ]
@@ -42,7 +43,7 @@ LINES = [
 FOLDERS = {
     "head_motion": [
         ("base",),
-        ("components", "trace_formats"),
+        ("components", "parameters", "trace_formats"),
         ("trace", "sampling"),
         ("process",),
         ("presets", "spectra"),
@@ -68,6 +69,8 @@ FOLDERS = {
         ("drawing",),
         ("figures",),
         ("report",),
+        ("head_figure",),
+        ("head_report",),
         ("reproductions",),
     ],
 }

@@ -11,6 +11,7 @@ import xarray
 
 import hmdjit as hj
 from hmdjit import cli
+from hmdjit.head_motion import presets
 from hmdjit.studies import measuring
 
 SMALL = [
@@ -75,6 +76,20 @@ def test_recorded_heads_are_replayed_at_their_own_rate(tmp_path):
         assert data.attrs["refresh_hz"] == pytest.approx(72.0)
 
 
+def test_a_study_takes_a_head_by_name_or_file(tmp_path, capsys):
+    head = hj.HeadMotion((0.5,) * 3, (0.1,) * 3, (0.004,) * 3)
+    presets.write(tmp_path / "me.toml", head, {"source": "me"})
+    folder = tmp_path / "named"
+    folder.mkdir()
+    (folder / "study.toml").write_text("head = '../me.toml'\nout = 'there'\n")
+    small = [argument for argument in SMALL if argument != "study"]
+    assert cli.run(["study", str(folder / "study.toml"), *small]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"Head: {folder}/../me.toml, model A, speed 0.5/0.5/0.5 deg/s" in printed
+    with xarray.open_dataset(folder / "there/result.nc", engine="h5netcdf") as data:
+        assert data.attrs["head"] == str(head)
+
+
 def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -131,6 +146,11 @@ WRONG_STUDIES = [
     (["{bad_value}"], r"\[head_movement\] does not fit"),
     (["{bad_syntax}"], r"bad_syntax.toml: not a TOML file"),
     (["{missing_toml}"], r"missing.toml: cannot be read: No such file"),
+    (["--head", "fixatin"], r"head must be one of .* Did you mean 'fixating'\?"),
+    (["--head", "{missing_toml}"], r"missing.toml: cannot be read: No such file"),
+    (["--head", "{bad_key}"], r"bad_key.toml: key must be one of .* got 'sesions'"),
+    (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
+    (["{bad_head}"], r"bad_head.toml: head must be of type str, got 3"),
     (["--out", "{beneath}"], r"out must be a folder that can be made"),
 ]
 
@@ -147,6 +167,7 @@ def places(tmp_path):
         "bad_table": ("bad_table.toml", "[head_movement]\nwmin = 0.3\n"),
         "bad_type": ("bad_type.toml", "sessions = 'many'\n"),
         "bad_value": ("bad_value.toml", "[head_movement]\ncloseness = 0.5\n"),
+        "bad_head": ("bad_head.toml", "head = 3\n"),
         "bad_syntax": ("bad_syntax.toml", "sessions = = 3\n"),
     }
     for name, text in contents.values():

@@ -5,7 +5,11 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-QUICK = {"ratio_against_correlation.py": ("--sessions", "4", "--crop", "16")}
+QUICK = {
+    "axes_of_a_head.py": (),
+    "flicker_of_heads.py": ("--sessions", "4", "--scenes", "astronaut"),
+    "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
+}
 
 
 def test_every_example_is_run():

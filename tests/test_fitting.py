@@ -202,7 +202,7 @@ def test_intervals_cover_the_truth():
     covered = np.zeros(len(truth), int)
     for i in range(200):
         # Selecting still segments would cut the tails of what is to be recovered.
-        traces = traces_of(RESONANT, jax.random.key(i), subjects=20, seconds=40.0)
+        traces = traces_of(RESONANT, jax.random.key(i), subjects=20, seconds=60.0)
         found = fitting.fit(traces, order=1, max_speed_deg_s=1e3)
         low, high = (
             np.array(jax.tree.leaves(end), float) for end in (found.low, found.high)

@@ -1,5 +1,7 @@
 """Fitted to half of the recorded people, does the model move like the other half?"""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ WIDER_SPECTRUM_DB = {("crom", 1): 1.9, ("fix", 0): 2.0}
 
 
 def recordings(shared, name):
-    paths = sorted((shared / "traces").glob(f"{name}_*_still.csv"))
+    paths = sorted(Path(shared, "traces").glob(f"{name}_*_still.csv"))
     traces = [Trace.read(path) for path in paths]
     subjects = sorted({trace.subject for trace in traces})
     halves = (subjects[::2], subjects[1::2])

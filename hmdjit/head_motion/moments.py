@@ -14,7 +14,8 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float64
 
-from .process import Amplitude, HeadMotion
+from .parameters import Amplitude
+from .process import HeadMotion
 from .spectra import Turns
 from .statistics import block_variances, expected_block_variance
 from .trace import Trace

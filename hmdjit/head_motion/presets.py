@@ -15,7 +15,8 @@ import equinox as eqx
 
 from .. import _checks
 from .._files import written_atomically
-from .process import Amplitude, HeadMotion, PerAxis, Resonator
+from .parameters import Amplitude, PerAxis, Resonator
+from .process import HeadMotion
 
 _ABOUT = ("source", "fit", "standard_error")
 

@@ -10,7 +10,7 @@ Arrays per axis are ordered pitch (x), yaw (y), roll (z).
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -23,71 +23,9 @@ from .. import _checks, quaternion
 from .._types import Path, Poses, RandomKey, Scalar
 from . import components, sampling
 from .components import Parts
+from .parameters import AXES, Amplitude, PerAxis, Resonator, check_per_axis, per_axis
 from .sampling import Bursts
 from .trace import Trace
-
-AXES = ("pitch", "yaw", "roll")
-PerAxis = tuple[Scalar, Scalar, Scalar]
-"""One number each for pitch, yaw and roll."""
-
-
-def _per_axis(values: Iterable[Any]) -> tuple[Any, ...]:
-    return tuple(_checks.number(value) for value in values)
-
-
-def _check_per_axis(config: eqx.Module, name: str, *, open_low: bool) -> None:
-    values = getattr(config, name)
-    if len(values) != len(AXES):
-        raise ValueError(
-            f"{name} must have 3 numbers (pitch, yaw, roll), got {len(values)}."
-        )
-    for axis, value in zip(AXES, values, strict=True):
-        _checks.in_range(f"{name} ({axis})", value, 0, open_low=open_low)
-
-
-class Resonator(eqx.Module):
-    """A damped mode of the head, driven by white noise.
-
-    Per axis (pitch, yaw, roll):
-
-    - `speed_rms_deg_s`: RMS of its angular velocity, deg/s, at least 0.
-    - `frequency_hz`: its undamped frequency, Hz, above 0.
-    - `damping`: damping ratio, dimensionless, above 0; 1 is critical.
-
-    **Errors:** `ValueError` naming the field, the range and the value.
-    """
-
-    speed_rms_deg_s: PerAxis = eqx.field(converter=_per_axis)
-    frequency_hz: PerAxis = eqx.field(converter=_per_axis)
-    damping: PerAxis = eqx.field(converter=_per_axis)
-
-    def __check_init__(self):
-        _check_per_axis(self, "speed_rms_deg_s", open_low=False)
-        _check_per_axis(self, "frequency_hz", open_low=True)
-        _check_per_axis(self, "damping", open_low=True)
-
-
-class Amplitude(eqx.Module):
-    """How strongly a head moves just now: bursts and lulls, the same in all axes.
-
-    The noise that drives the head is multiplied by `a = exp(sd m - sd^2)`, held within
-    a frame, where `m` is a standard normal Ornstein-Uhlenbeck process: `a^2` is 1 on
-    average.
-
-    - `sd`: standard deviation of its logarithm, at least 0.
-    - `correlation_time_s`: correlation time of the logarithm, s, above 0.
-
-    **Errors:** `ValueError` naming the field, the range and the value.
-    """
-
-    sd: Scalar = eqx.field(converter=_checks.number)
-    correlation_time_s: Scalar = eqx.field(converter=_checks.number)
-
-    def __check_init__(self):
-        _checks.in_range("sd", self.sd, 0)
-        _checks.in_range(
-            "correlation_time_s", self.correlation_time_s, 0, open_low=True
-        )
 
 
 class HeadMotion(eqx.Module):
@@ -121,18 +59,18 @@ class HeadMotion(eqx.Module):
     **Errors:** `ValueError` naming the field, the range and the value.
     """
 
-    speed_rms_deg_s: PerAxis = eqx.field(converter=_per_axis)
-    correlation_time_s: PerAxis = eqx.field(converter=_per_axis)
-    tracker_noise_deg: PerAxis = eqx.field(converter=_per_axis)
+    speed_rms_deg_s: PerAxis = eqx.field(converter=per_axis)
+    correlation_time_s: PerAxis = eqx.field(converter=per_axis)
+    tracker_noise_deg: PerAxis = eqx.field(converter=per_axis)
     return_time_s: Scalar = eqx.field(converter=_checks.number, default=15.0)
     person_sd: Scalar = eqx.field(converter=_checks.number, default=0.17)
     resonators: tuple[Resonator, ...] = eqx.field(converter=tuple, default=())
     amplitude: Amplitude | None = None
 
     def __check_init__(self):
-        _check_per_axis(self, "speed_rms_deg_s", open_low=False)
-        _check_per_axis(self, "correlation_time_s", open_low=True)
-        _check_per_axis(self, "tracker_noise_deg", open_low=False)
+        check_per_axis(self, "speed_rms_deg_s", open_low=False)
+        check_per_axis(self, "correlation_time_s", open_low=True)
+        check_per_axis(self, "tracker_noise_deg", open_low=False)
         _checks.in_range("return_time_s", self.return_time_s, 0, open_low=True)
         _checks.in_range("person_sd", self.person_sd, 0)
 

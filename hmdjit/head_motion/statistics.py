@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float64
+from jaxtyping import Array, Float, Float64, Key
 from scipy.spatial.transform import Rotation
 
-from .._types import Path, RandomKey
+from .._types import RandomKey, Scalar
 from . import spectra
 from .process import HeadMotion
 from .spectra import Periodograms, Turns
@@ -112,7 +112,7 @@ def describe(segments: Sequence[Trace], rate_hz: float) -> Description:
         frequency_hz,
         spectrum,
         lags / rate_hz,
-        np.stack([_structure(angles, lag) for lag in lags]),
+        np.stack([_structure(angles, lag) for lag in lags.tolist()]),
     )
 
 
@@ -152,7 +152,7 @@ def _lags(frames: int) -> np.ndarray:
 
 
 def _structure(
-    angles: Sequence[Float64[np.ndarray, "frames 3"]], lag: int
+    angles: Sequence[Float64[np.ndarray, "_ 3"]], lag: int
 ) -> Float64[np.ndarray, "3"]:
     turned = [angle[lag:] - angle[:-lag] for angle in angles if len(angle) > lag]
     return np.mean(np.concatenate(turned) ** 2, axis=0)
@@ -187,7 +187,9 @@ def as_recorded(
 
 
 @partial(jax.jit, static_argnames="frames")
-def _paths(keys: Array, head: HeadMotion, rate_hz: float, frames: int) -> Path:
+def _paths(
+    keys: Key[Array, " segments"], head: HeadMotion, rate_hz: Scalar, frames: int
+) -> Float[Array, "segments {frames} 3"]:
     draw = lambda key: head.rotation_vectors(key, rate_hz, frames)
     return jax.lax.map(draw, keys)
 

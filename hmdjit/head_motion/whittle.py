@@ -19,7 +19,8 @@ import optimistix
 from jaxtyping import Array, Float, Float64, Int
 
 from .._types import Scalar
-from .process import AXES, Amplitude, HeadMotion, Resonator
+from .parameters import AXES, Amplitude, Resonator
+from .process import HeadMotion
 from .spectra import Periodograms
 
 ORDERS = (0, 1, 2)

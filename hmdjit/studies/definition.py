@@ -1,11 +1,12 @@
 """From what a user writes (a STUDY.toml, the command line) to a `Study`.
 
 Both have the same keys; the command line overrides the file. Whatever is not said keeps
-the default study: eleven scenes, five rows, 500 sessions, a seated head.
+the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 """
 
 import dataclasses
 import difflib
+import itertools
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 from .. import _checks, scenes, techniques
 from ..camera import Camera
-from ..head_motion import HeadMotion, Trace
+from ..head_motion import HeadMotion, Trace, presets
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
 from .monte_carlo import Study, check_seed
@@ -21,6 +22,7 @@ from .sessions import Replay
 from .tiles import CentralCrop, Tiles, WholeFrame
 
 TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+HEAD = "fixating"  # people told to hold their gaze; the README says why
 
 
 def _option(metavar: str, text: str, default: Any = None) -> Any:
@@ -44,6 +46,11 @@ class Options:
     )
     trace: tuple[Path, ...] | None = _option(
         "CSV...", "Recorded heads (t_s,qw,qx,qy,qz) instead of the head model."
+    )
+    head: str | None = _option(
+        "NAME|TOML",
+        f"Head model: {', '.join(presets.tables())}, or a file as `hmdjit head fit` "
+        f"writes it (default: {HEAD}).",
     )
     techniques: tuple[str, ...] | None = _option(
         "ID...", f"Techniques (default: {' '.join(TECHNIQUES)})."
@@ -78,9 +85,11 @@ class Options:
     )
 
 
+# Options that exclude each other; those in one bracket go together.
 _RIVALS = (
-    ("tiles", "tile_size", "crop", "whole_frame"),
-    ("scenes", "images", "panorama"),
+    (("tiles", "tile_size"), ("crop",), ("whole_frame",)),
+    (("scenes",), ("images", "panorama")),
+    (("head",), ("trace",)),
 )
 
 
@@ -107,6 +116,8 @@ def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
     values = {
         key: _convert(path, key, kinds[key], value) for key, value in content.items()
     }
+    if "head" in values and is_head_file(path.parent / values["head"]):
+        values["head"] = str(path.parent / values["head"])
     return Options(**values), parameters
 
 
@@ -150,16 +161,18 @@ def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
 
 def merged(low: Options, high: Options) -> Options:
     """Return `low`, overridden by what `high` says; a rival of that is dropped too."""
-    said = {
-        name: value
-        for name, value in dataclasses.asdict(high).items()
-        if value is not None and value is not False
-    }
+    said = _said(high)
     default = dataclasses.asdict(Options())
     for rivals in _RIVALS:
-        if any(name in said for name in rivals):
-            low = dataclasses.replace(low, **{name: default[name] for name in rivals})
+        names = {name: default[name] for name in itertools.chain(*rivals)}
+        if said.keys() & names:
+            low = dataclasses.replace(low, **names)
     return dataclasses.replace(low, **said)
+
+
+def _said(options: Options) -> dict[str, Any]:
+    said = dataclasses.asdict(options).items()
+    return {k: value for k, value in said if value is not None and value is not False}
 
 
 def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> Study:
@@ -169,13 +182,11 @@ def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> S
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
     """
-    numbers = {
-        name: getattr(options, name)
-        for name in ("sessions", "frames", "warmup", "oversampling")
-        if getattr(options, name) is not None
-    }
+    names = {"sessions", "frames", "warmup", "oversampling"}
+    numbers = {key: value for key, value in _said(options).items() if key in names}
     if options.margin is not None:
         numbers["margin_deg"] = options.margin
+    _refuse_rivals(options)
     check_seed(options.seed or 0)
     # Numbers are checked before files are read: wrong ones are told at once.
     for name, low in (("sessions", 1), ("frames", 2), ("warmup", 0)):
@@ -197,27 +208,23 @@ def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> S
     )
 
 
+def _refuse_rivals(options: Options) -> None:
+    said = _said(options).keys()
+    for rivals in _RIVALS:
+        ways = [names[0] for names in rivals if said & set(names)]
+        if len(ways) > 1:
+            raise ValueError(
+                f"{' and '.join(ways)} exclude each other: name one of them."
+            )
+
+
 def _camera(options: Options) -> Camera:
-    said = {
-        "width_px": options.width,
-        "height_px": options.height,
-        "fov_deg": options.fov,
-        "refresh_hz": options.refresh,
-    }
-    return Camera(**{name: value for name, value in said.items() if value is not None})
+    units = {"width": "px", "height": "px", "fov": "deg", "refresh": "hz"}
+    said = _said(options)
+    return Camera(**{f"{key}_{units[key]}": said[key] for key in units if key in said})
 
 
 def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
-    ways = {
-        "tiles": options.tiles is not None or options.tile_size is not None,
-        "crop": options.crop is not None,
-        "whole_frame": options.whole_frame,
-    }
-    chosen = [name for name, is_said in ways.items() if is_said]
-    if len(chosen) > 1:
-        raise ValueError(
-            f"{' and '.join(chosen)} exclude each other: name one of them."
-        )
     if options.whole_frame:
         return WholeFrame()
     if options.crop is not None:
@@ -257,8 +264,6 @@ def _scenes(options: Options) -> dict[str, AbstractScene]:
         )
         for path in paths or ()
     ]
-    if files and options.scenes:
-        raise ValueError("scenes and images exclude each other: name one of them.")
     if files:
         chosen = {}
         for reader, path in files:
@@ -274,8 +279,21 @@ def _scenes(options: Options) -> dict[str, AbstractScene]:
     return {name: everything[name] for name in options.scenes}
 
 
+def is_head_file(head: str | Path) -> bool:
+    """Whether a head is named by a file; else by the name of a preset."""
+    return Path(head).suffix.lower() == ".toml" or Path(head).is_file()
+
+
+def head_model(head: str) -> HeadMotion:
+    """Head of a preset's name, or of a file that ends in .toml or exists.
+
+    **Errors:** `ValueError` with the nearest preset, or naming the file and the key.
+    """
+    return HeadMotion.read(head) if is_head_file(head) else HeadMotion.preset(head)
+
+
 def _head(options: Options) -> HeadMotion | Replay:
     if not options.trace:
-        return HeadMotion.seated()
+        return head_model(options.head or HEAD)
     traces = tuple(Trace.read(path) for path in options.trace)
     return Replay(traces, rate_hz=options.refresh)

@@ -36,7 +36,7 @@ from .tiles import Measurement, Tiles
 if TYPE_CHECKING:
     import xarray
 
-MODEL_VERSION = "1"
+MODEL_VERSION = "2"
 """Which numbers a study gives; changing any default that moves them changes this."""
 
 MOST_FAILED = 1e-3

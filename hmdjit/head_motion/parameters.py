@@ -1,0 +1,74 @@
+"""Parameters of head models: numbers per axis, damped modes, bursts."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import equinox as eqx
+
+from .. import _checks
+from .._types import Scalar
+
+AXES = ("pitch", "yaw", "roll")
+PerAxis = tuple[Scalar, Scalar, Scalar]
+"""One number each for pitch, yaw and roll."""
+
+
+def per_axis(values: Iterable[Any]) -> tuple[Any, ...]:
+    """Convert to Python floats, but let arrays and tracers pass."""
+    return tuple(_checks.number(value) for value in values)
+
+
+def check_per_axis(config: eqx.Module, name: str, *, open_low: bool) -> None:
+    """Raise unless a field holds three numbers from 0 (or above 0) to infinity."""
+    values = getattr(config, name)
+    if len(values) != len(AXES):
+        raise ValueError(
+            f"{name} must have 3 numbers (pitch, yaw, roll), got {len(values)}."
+        )
+    for axis, value in zip(AXES, values, strict=True):
+        _checks.in_range(f"{name} ({axis})", value, 0, open_low=open_low)
+
+
+class Resonator(eqx.Module):
+    """A damped mode of the head, driven by white noise.
+
+    Per axis (pitch, yaw, roll):
+
+    - `speed_rms_deg_s`: RMS of its angular velocity, deg/s, at least 0.
+    - `frequency_hz`: its undamped frequency, Hz, above 0.
+    - `damping`: damping ratio, dimensionless, above 0; 1 is critical.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+
+    speed_rms_deg_s: PerAxis = eqx.field(converter=per_axis)
+    frequency_hz: PerAxis = eqx.field(converter=per_axis)
+    damping: PerAxis = eqx.field(converter=per_axis)
+
+    def __check_init__(self):
+        check_per_axis(self, "speed_rms_deg_s", open_low=False)
+        check_per_axis(self, "frequency_hz", open_low=True)
+        check_per_axis(self, "damping", open_low=True)
+
+
+class Amplitude(eqx.Module):
+    """How strongly a head moves just now: bursts and lulls, the same in all axes.
+
+    The noise that drives the head is multiplied by `a = exp(sd m - sd^2)`, held within
+    a frame, where `m` is a standard normal Ornstein-Uhlenbeck process: `a^2` is 1 on
+    average.
+
+    - `sd`: standard deviation of its logarithm, at least 0.
+    - `correlation_time_s`: correlation time of the logarithm, s, above 0.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+
+    sd: Scalar = eqx.field(converter=_checks.number)
+    correlation_time_s: Scalar = eqx.field(converter=_checks.number)
+
+    def __check_init__(self):
+        _checks.in_range("sd", self.sd, 0)
+        _checks.in_range(
+            "correlation_time_s", self.correlation_time_s, 0, open_low=True
+        )

@@ -1,0 +1,72 @@
+import dataclasses
+from pathlib import Path
+
+import jax
+import pytest
+
+import hmdjit as hj
+from hmdjit.head_motion import presets
+from hmdjit.studies import definition
+from hmdjit.studies.definition import Options
+
+FEW = Options(scenes=("noise",), techniques=("none",))
+
+
+def test_what_is_not_said_keeps_the_default_study():
+    study = definition.build(FEW)
+    assert study.sessions == 500
+    assert study.camera == hj.Camera()
+    assert jax.tree.leaves(study.head) == jax.tree.leaves(
+        hj.HeadMotion.preset(definition.HEAD)
+    )
+
+
+@pytest.mark.parametrize("name", list(presets.tables()))
+def test_every_preset_is_a_head_of_a_study(name):
+    study = definition.build(dataclasses.replace(FEW, head=name))
+    assert str(study.head) == str(hj.HeadMotion.preset(name))
+
+
+@pytest.mark.parametrize("name", ["me.toml", "me"])
+def test_a_file_is_a_head_whatever_it_is_called(name, tmp_path):
+    head = hj.HeadMotion((0.5,) * 3, (0.1,) * 3, (0.004,) * 3)
+    presets.write(tmp_path / name, head, {})
+    assert str(definition.head_model(str(tmp_path / name))) == str(head)
+    # Of a definition, it lies beside the file that names it.
+    (tmp_path / "study.toml").write_text(f"head = '{name}'")
+    options, _ = definition.read_toml(tmp_path / "study.toml")
+    assert options.head == str(tmp_path / name)
+
+
+def test_a_definition_names_presets_as_they_are(tmp_path):
+    (tmp_path / "study.toml").write_text("head = 'fixating'")
+    options, _ = definition.read_toml(tmp_path / "study.toml")
+    assert options.head == "fixating"
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        ({"head": "fixating"}, {"trace": (Path("me.csv"),)}),
+        ({"trace": (Path("me.csv"),)}, {"head": "fixating"}),
+        ({"crop": 64}, {"tiles": 3}),
+        ({"tile_size": 32}, {"whole_frame": True}),
+        ({"images": (Path("a.png"),)}, {"scenes": ("noise",)}),
+    ],
+)
+def test_the_command_line_overrides_a_files_rivals(low, high):
+    assert definition.merged(Options(**low), Options(**high)) == Options(**high)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"head": "seated", "trace": (Path("me.csv"),)}, "head and trace exclude"),
+        ({"tiles": 0, "crop": 64}, "tiles and crop exclude"),
+        ({"tile_size": 32, "whole_frame": True}, "tiles and whole_frame exclude"),
+        ({"scenes": ("noise",), "images": (Path("a.png"),)}, "scenes and images excl"),
+    ],
+)
+def test_rivals_are_refused(said, message):
+    with pytest.raises(ValueError, match=message):
+        definition.build(Options(**said))
