@@ -44,12 +44,14 @@ def recorded_and_fitted(
     files: Sequence[Path],
 ) -> dict[str, hj.Replay]:
     """Replay still recordings, and a fitted model at the same frames."""
-    segments, rate_hz = fitting.still_data([hj.Trace.read(file) for file in files])
-    model = fitting.fit(segments, order=2).head
+    traces = [hj.Trace.read(file) for file in files]
+    segments, rate_hz = fitting.still_data(traces)
+    model = fitting.fit(traces, order=2).head
     drawn = []
     for i, key in enumerate(jax.random.split(jax.random.key(0), DRAWS)):
-        for trace in statistics.as_recorded(key, model, segments, rate_hz):
-            person = f"{trace.subject} {i}"
+        sessions = statistics.as_recorded(key, model, segments, rate_hz)
+        for j, trace in enumerate(sessions):
+            person = f"person {i} {j}"
             drawn.append(hj.Trace(trace.t_s, trace.world_from_head, subject=person))
     return {"replayed": hj.Replay(segments), "fitted": hj.Replay(drawn)}
 

@@ -13,10 +13,16 @@ def main() -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     jax.config.update("jax_num_cpu_devices", max(1, min(cores, 4)))
     try:
-        from .cli import run
+        from .cli import INTERRUPTED, run
     except ImportError as error:
         sys.exit(f"hmdjit: error: {error}; the command line needs `hmdjit[study]`.")
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    if code == INTERRUPTED:
+        # XLA, interrupted while it compiles, crashes when Python takes it down.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

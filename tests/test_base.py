@@ -149,9 +149,8 @@ def test_gradients_of_the_discretisation_are_correct(system):
         check_grads(sampled, arguments, 1, modes=("fwd", "rev"), rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "dtype", [jnp.float32, pytest.param(jnp.float64, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_gradients_of_the_discretisation_are_finite(dtype):
     jacobians = jax.jit(jax.jacrev(discretise, argnums=(0, 1, 2)))
     for system in (double_integrator(0.1), mode(1e-3), mode(1.0), mode(2.0)):

@@ -1,6 +1,4 @@
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -257,17 +255,13 @@ def test_a_failed_figure_leaves_no_model(traces, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_command_itself_fits_recorded_people_and_chooses_an_order(tmp_path, shared):
-    files = sorted(map(str, (Path(shared) / "traces").glob("fix_*_still.csv")))
-    done = subprocess.run(
-        [sys.executable, "-m", "hmdjit", "head", "fit", *files],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    assert "Deviance on held-out data by order: 0: " in done.stdout
-    assert "over 10 subjects" in done.stdout
-    assert len(hj.HeadMotion.read(tmp_path / "head.toml").resonators) == 2
+def test_recorded_people_are_fitted_with_an_order_that_is_chosen(
+    tmp_path, shared, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert run("fit", *sorted(Path(shared, "traces").glob("fix_*_still.csv"))) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Deviance on held-out data by order: 0: " in printed
+    assert "over 10 subjects" in printed
+    assert len(hj.HeadMotion.read("head.toml").resonators) == 2
+    assert Path("head.png").exists()

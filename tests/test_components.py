@@ -1,7 +1,7 @@
 """Laws of the head's parts against closed forms of 40 digits and integrals."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ class Wander(NamedTuple):
         s, a, b = self._numbers(axis)
         return s**2 * a * (a * np.exp(-a * t) - b * np.exp(-b * t)) / (a**2 - b**2)
 
-    def _numbers(self, axis, number=float):
+    def _numbers(self, axis, number: Any = float):
         times = self.correlation_time_s[axis], self.return_time_s
         return number(self.speed_rms_deg_s[axis]), *(1 / number(t) for t in times)
 
@@ -119,8 +119,8 @@ def test_covariance_agrees_with_its_closed_form(part):
     lags_s = np.array([0.0, 1e-6, 0.01, 0.1, 1.0, 30.0, -0.1])
     law = exactly(part.covariance, lags_s)
     # A lag's rounding moves a mode's phase: 30 s of 1.2 Hz, still ringing, are 230 rad.
-    near = {"rtol": 1e-13, "atol": 1e-13 * np.max(law)}
-    np.testing.assert_allclose(covariance(part.parts(), lags_s), law, **near)
+    ours = covariance(part.parts(), lags_s)
+    np.testing.assert_allclose(ours, law, rtol=1e-13, atol=1e-13 * np.max(law))
 
 
 @each
@@ -137,12 +137,12 @@ def test_structure_function_keeps_its_digits_at_short_lags(part):
 @each
 @pytest.mark.parametrize("rate_hz", [60, 1000])
 def test_increments_are_differences_of_angles(part, rate_hz):
-    def law(axis, lag):
+    def difference(axis, lag):
         at = lambda frames: part.covariance(axis, frames / rate_hz)
         return 2 * at(lag) - at(lag + 1) - at(lag - 1)
 
     lags = np.array([0, 1, 2, 7, 300, -2])
-    law = exactly(law, lags.tolist())
+    law = exactly(difference, lags.tolist())
     ours = increment_covariance(part.parts(), lags, float(rate_hz))
     np.testing.assert_allclose(ours, law, rtol=1e-12, atol=1e-12 * law[0].max())
 
@@ -215,7 +215,8 @@ def test_each_frames_noise_is_remembered_in_the_turns(part, rate_hz):
     ours = turn_memory(part.parts(), rate_hz, frames=50)
     assert ours.shape == (50, 3)
     for axis in range(3):
-        transition, noise = van_loan(*part.system(axis), 1 / rate_hz)
+        drift, diffusion = part.system(axis)
+        transition, noise = van_loan(drift, diffusion, 1 / rate_hz)
         law = [noise[0, 0]]
         for _ in range(49):
             turn = transition[0] - [1, 0]
@@ -260,8 +261,8 @@ def test_laws_of_a_sum_are_sums_of_laws():
     laws = jax.tree.leaves(laws_at_some_places(whole, 60.0))
     for law, *parts in zip(laws, *map(jax.tree.leaves, each), strict=True):
         # Of covariances 1e-14 of the largest.
-        near = {"rtol": 1e-13, "atol": 1e-14 * np.max(np.abs(parts))}
-        np.testing.assert_allclose(law, np.sum(parts, axis=0), **near)
+        atol = 1e-14 * np.max(np.abs(parts))
+        np.testing.assert_allclose(law, np.sum(parts, axis=0), rtol=1e-13, atol=atol)
 
 
 # --- precision and derivatives ---

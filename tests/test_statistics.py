@@ -148,7 +148,7 @@ def drawn_paths(head, key, batches=1):
 
 
 @pytest.mark.parametrize(
-    "head", [pytest.param(MODEL_A, marks=pytest.mark.slow), MODEL_B], ids=["A", "B"]
+    "head", [pytest.param(MODEL_A, marks=pytest.mark.slow), BURSTS], ids=["A", "bursts"]
 )
 def test_expected_block_variance_is_a_double_sum(head):
     length = 60
@@ -256,10 +256,10 @@ def test_speeds_of_a_white_head_have_their_quantiles(rng):
     path_deg = 0.01 * rng.normal(size=(20_001, 3)).cumsum(axis=0)
     found = statistics.describe([trace(path_deg, 60.0)], 60.0)
     for share in (0.05, 0.5, 0.95):
-        law = scipy.stats.maxwell(scale=0.6)
+        speed = scipy.stats.maxwell.ppf(share, scale=0.6)
+        density = scipy.stats.maxwell.pdf(speed, scale=0.6)
         # sqrt(p (1 - p) / n) over the density, at 5 standard errors.
-        speed = law.ppf(share)
-        error = np.sqrt(share * (1 - share) / 20_000) / law.pdf(speed)
+        error = np.sqrt(share * (1 - share) / 20_000) / density
         assert abs(found.speed_quantile(share) - speed) < 5 * error
     assert found.speed_rms_deg_s == pytest.approx(0.6 * np.sqrt(3), rel=0.02)
     np.testing.assert_allclose(found.kurtosis, 0.0, atol=5 * np.sqrt(24 / 20_000))

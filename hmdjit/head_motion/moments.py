@@ -6,7 +6,7 @@ wander within 10 s was recorded, and the amplitude's spread the one that gives
 velocities the recorded shape.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -39,16 +39,24 @@ class Moment(NamedTuple):
 
 
 def return_time(
-    segments: Sequence[Trace], head: HeadMotion, rate_hz: float, *, over_subjects: bool
+    segments: Sequence[Trace],
+    head: HeadMotion,
+    rate_hz: float,
+    scale: Mapping[str, float],
+    *,
+    over_subjects: bool,
 ) -> Moment:
     """Return time, s, whose wander in 10 s is the recorded one; error of its logarithm.
 
     Axes count alike: it is the geometric mean of their mean squares that agrees.
+
+    **Arguments:** `head`: of the median person; `scale`: how much more each subject
+    moves, 1 for those not named.
     """
     blocks, owners = [], []
     for segment in segments:
         found = block_variances([Turns.of(segment).path_deg], _BLOCK_S * rate_hz)
-        blocks.append(found)
+        blocks.append(found / scale.get(segment.subject, 1.0) ** 2)
         owners += [segment.subject] * len(found)
     variances = np.concatenate(blocks)
     if len(variances) < _MIN_BLOCKS:
@@ -109,7 +117,8 @@ def _geary_pseudo_values(
 
     Their mean lacks the bias that taking velocities by their own RMS has.
     """
-    starts = np.arange(0, len(velocity), _BURST_BLOCK)
+    # The last block takes the rest, so that no block is short.
+    starts = np.arange(max(len(velocity) // _BURST_BLOCK, 1)) * _BURST_BLOCK
     count = np.diff(np.append(starts, len(velocity)))[:, None]
     first = np.add.reduceat(np.abs(velocity), starts)
     second = np.add.reduceat(velocity**2, starts)
@@ -167,5 +176,6 @@ def _root(
         return high, np.nan
     root = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))  # pyright: ignore[reportArgumentType]
     step = 1e-2 * (high - low)
-    slope = (excess(root + step) - excess(root - step)) / (2 * step)
+    below, above = max(root - step, low), min(root + step, high)
+    slope = (excess(above) - excess(below)) / (above - below)
     return root, error / slope

@@ -7,7 +7,7 @@ A table has the names of `HeadMotion`'s fields as keys; `source`, `fit` and
 import dataclasses
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,15 +90,18 @@ def from_table(table: Mapping[str, Any]) -> HeadMotion:
     amplitude = numbers.pop("amplitude", None)
     if amplitude is not None:
         amplitude = _config(Amplitude, amplitude, "amplitude.")
-    return _config(HeadMotion, numbers, "", resonators=resonators, amplitude=amplitude)
+    nested = {"resonators": resonators, "amplitude": amplitude}
+    return _config(HeadMotion, numbers, "", _ABOUT, **nested)
 
 
-def _config(kind: Any, table: Any, place: str, **nested: Any) -> Any:
+def _config(
+    kind: Any, table: Any, place: str, about: Sequence[str] = (), **nested: Any
+) -> Any:
     if not isinstance(table, Mapping):
         raise ValueError(f"{place.rstrip('.')} must be a table, got {table!r}.")
     fields = {f.name: f for f in dataclasses.fields(kind) if f.name not in nested}
     for key, value in table.items():
-        _checks.one_of(f"{place}key", key, fields)
+        _checks.one_of(f"{place}key", key, [*fields, *nested, *about])
         what, numbers = "a number", [value]
         if fields[key].type == PerAxis:
             what = "3 numbers (pitch, yaw, roll)"

@@ -26,8 +26,8 @@ from .spectra import Periodograms
 ORDERS = (0, 1, 2)
 _MAX_STEPS = 100
 
-# Bounds of the search, wide enough that estimates lie inside; frequencies also below
-# 0.45 of the rate.
+# Bounds of the search; frequencies also lie below 0.45 of the rate. Windows of 4 s
+# cannot tell dampings below 0.02 apart.
 _BOUNDS = {
     "speed_rms_deg_s": (1e-3, 30.0),
     "correlation_time_s": (5e-3, 5.0),
@@ -220,7 +220,7 @@ def best_search(data: Data, order: int) -> Search:
         for frequency_hz in frequencies_hz:
             values += [0.4, frequency_hz, 0.2]
         low, high = np.asarray(data.log_bounds)
-        share = (np.log(values) - low) / (high - low)
+        share = np.clip((np.log(values) - low) / (high - low), 0.02, 0.98)
         starts.append(np.repeat(np.log(share / (1 - share))[:, None], 3, axis=1))
     logits, deviances = _from_starts(jnp.asarray(np.stack(starts), float), data)
     # Without scales the axes are fitted independently: each takes its best start.

@@ -159,11 +159,11 @@ def _structure(axes: Axes, recorded: Description, head: HeadMotion | None) -> No
         for k, axis in enumerate(AXES):
             axes.plot(lag_s, _positive(turned[:, k]), color=_LIGHT[axis], **_DASHED)
     _logarithmic(axes)
-    name = "how far heads turn within a time (structure function)"
-    axes.set_title(name, loc="left", fontsize=10)
+    axes.set_title("how far heads turn within a time", loc="left", fontsize=10)
     axes.set_xlabel("lag, s")
-    axes.set_ylabel("mean squared turn, deg²")
-    axes.legend(loc="lower right", frameon=False, fontsize=9)
+    axes.set_ylabel("structure function, deg²")
+    above: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98)}
+    axes.legend(ncols=3, frameon=False, fontsize=9, columnspacing=1.2, **above)
 
 
 def _speeds(
