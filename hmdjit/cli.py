@@ -157,6 +157,7 @@ def _study(command: Any, console: rich.console.Console) -> int:
         "Compiling each technique when it first runs; finished batches are kept in "
         f"{out}.",
         highlight=False,
+        soft_wrap=True,
     )
     try:
         with _Bar(console, study) as bar:
@@ -169,7 +170,8 @@ def _study(command: Any, console: rich.console.Console) -> int:
         return INTERRUPTED
     written = report.write_report(dataset, out)
     report.print_table(dataset, console=console)
-    console.print(f"Wrote {out / 'result.nc'}, " + ", ".join(map(str, written)) + ".")
+    paths = ", ".join(map(str, (out / "result.nc", *written)))
+    console.print(f"Wrote {paths}.", soft_wrap=True)
     return OK
 
 
@@ -270,7 +272,11 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
         else "MTCD 0 before: no flicker to remove",
         highlight=False,
     )
-    console.print(f"Wrote {len(files)} displayed frames to {out}.", highlight=False)
+    console.print(
+        f"Wrote {len(files)} displayed frames to {out}.",
+        highlight=False,
+        soft_wrap=True,
+    )
     return OK
 
 

@@ -181,7 +181,9 @@ def _fit(command: Fit, console: rich.console.Console) -> None:
     with written_atomically(figure_file) as unfinished:
         head_figure.save(figure, unfinished)
         presets.write(command.out, fit.head, _about(fit, traces, recordings.max_speed))
-    console.print(f"Wrote {command.out} and {figure_file}.", highlight=False)
+    console.print(
+        f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
+    )
 
 
 def _check_moves(segments: list[Trace]) -> None:
@@ -228,7 +230,7 @@ def _describe(command: Describe, console: rich.console.Console) -> None:
     figure = head_figure.draw(title, segments, recorded, head, model)
     with written_atomically(figure_file) as unfinished:
         head_figure.save(figure, unfinished)
-    console.print(f"Wrote {figure_file}.", highlight=False)
+    console.print(f"Wrote {figure_file}.", highlight=False, soft_wrap=True)
 
 
 def _sample(command: Sample, console: rich.console.Console) -> None:
@@ -255,7 +257,9 @@ def _sample(command: Sample, console: rich.console.Console) -> None:
     with written_atomically(figure_file) as unfinished:
         head_figure.save(figure, unfinished)
         trace.write(command.out)
-    console.print(f"Wrote {command.out} and {figure_file}.", highlight=False)
+    console.print(
+        f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
+    )
 
 
 def _beside(

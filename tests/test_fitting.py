@@ -287,15 +287,11 @@ def test_a_description_needs_a_window(wander_traces):
         statistics.describe([brief], RATE_HZ)
 
 
-def test_low_rates_have_starts_within_their_bounds():
-    periodograms = Periodograms.of([_still_trace(12.0)], 12.0)
-    data = whittle.data_of(periodograms, 2)
-    logits = whittle.best_search(data, 2).logits
-    assert jnp.isfinite(logits).all()
-
-
-def _still_trace(rate_hz):
-    return traces_of(RESONANT, jax.random.key(2), 1, 40.0, rate_hz)[0]
+@pytest.mark.parametrize("rate_hz", [5.0, 12.0, 24.0, 90.0])
+@pytest.mark.parametrize("order", whittle.ORDERS)
+def test_the_search_starts_within_its_bounds_at_every_rate(rate_hz, order):
+    starts = whittle.start_logits(whittle.log_bounds(order, rate_hz), order)
+    assert np.all(np.isfinite(starts))
 
 
 def test_nearly_gaussian_recordings_have_a_small_amplitude(monkeypatch, wander_traces):

@@ -216,8 +216,7 @@ def test_kurtosis_is_zero_without_bursts():
 def test_drawn_increments_have_their_kurtosis(key, rate_hz, frames, sessions):
     head = eqx.tree_at(lambda h: h.person_sd, BURSTS, 0.0)
     turned = np.asarray(increments_deg(head, key, rate_hz, frames, sessions))
-    # A session's first state is scaled by one amplitude alone: what is measured comes
-    # 6 s later, where the slowest mode, of 0.05 at 2.4 Hz, remembers exp(-4) of it.
+    # After 6 s the slowest mode, of 0.05 at 2.4 Hz, remembers exp(-4) of the start.
     turned = turned[:, round(6 * rate_hz) :]
     variance = np.asarray(head.increment_covariance(0, rate_hz))
     kurtosis = np.asarray(head.increment_kurtosis(rate_hz, memory_s=8.0))
@@ -228,6 +227,20 @@ def test_drawn_increments_have_their_kurtosis(key, rate_hz, frames, sessions):
     z = (np.mean(fourth, axis=0) - 3 - kurtosis) / error
     np.testing.assert_array_less(np.abs(z), LARGEST_Z)
     np.testing.assert_array_less(error, kurtosis / 6)  # tells bursts from none
+
+
+@pytest.mark.slow
+def test_sessions_start_with_their_kurtosis(key):
+    # So many that one amplitude for all that the head remembers, of a kurtosis 0.3
+    # higher, would be off by 6 standard errors.
+    head = eqx.tree_at(lambda h: h.person_sd, BURSTS, 0.0)
+    turned = np.asarray(increments_deg(head, key, 60.0, 3, 160_000))
+    variance = np.asarray(head.increment_covariance(0, 60.0))
+    fourth = np.mean(turned**4, axis=1) / variance**2
+    error = np.std(fourth, axis=0, ddof=1) / np.sqrt(len(fourth))
+    # 4th powers are skew by 15, their mean by 0.1: false alarms below 1e-5.
+    z = np.mean(fourth, axis=0) - 3 - np.asarray(head.increment_kurtosis(60.0))
+    np.testing.assert_array_less(np.abs(z / error), LARGEST_Z)
 
 
 # --- precision, reproducibility, derivatives ---

@@ -508,7 +508,11 @@ SMALL = hj.Camera(width_px=10, height_px=8, fov_deg=0.7, refresh_hz=60.0)
 
 def parameters(person="seated"):
     """Kim's numbers and the head's, float64; all as one vector, and back."""
-    head = hj.HeadMotion.seated()
+    head = hj.HeadMotion(
+        speed_rms_deg_s=(1.12, 0.91, 0.93),
+        correlation_time_s=(0.10, 0.124, 0.029),
+        tracker_noise_deg=(0.0037, 0.0036, 0.0034),
+    )
     if person == "a statue":
         still = ((0.0,) * 3,) * 2
         head = eqx.tree_at(

@@ -5,6 +5,7 @@ A table has the names of `HeadMotion`'s fields as keys; `source`, `fit` and
 """
 
 import dataclasses
+import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -46,7 +47,7 @@ def read(path: str | os.PathLike[str]) -> HeadMotion:
         return from_table(tomllib.loads(Path(path).read_text(encoding="utf-8")))
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}.") from None
-    except ValueError as error:  # also of TOML and of UTF-8
+    except (ValueError, OverflowError, RecursionError) as error:  # also of TOML, UTF-8
         raise ValueError(f"{path}: {error}") from None
 
 
@@ -124,9 +125,8 @@ def _text(value: Any) -> str:
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_text, value)) + "]"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + escaped.replace("\n", "\\n") + '"'
+    if isinstance(value, str | bool):
+        return json.dumps(value)  # escapes what TOML wants escaped
     text = str(value) if isinstance(value, int) else f"{float(value):.6g}"
     is_whole = isinstance(value, float) and text.lstrip("-").isdigit()
     return f"{text}.0" if is_whole else text

@@ -71,7 +71,8 @@ class Data(eqx.Module):
     return_time_s: Float[Array, ""]
 
 
-def _log_bounds(order: int, rate_hz: float) -> Float64[np.ndarray, "2 parameters"]:
+def log_bounds(order: int, rate_hz: float) -> Float64[np.ndarray, "2 parameters"]:
+    """Logarithms of the least and largest values."""
     names = ["speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"]
     names += ["speed_rms_deg_s", "frequency_hz", "damping"] * order
     bounds = np.array([_BOUNDS[name] for name in names]).T
@@ -92,7 +93,7 @@ def data_of(
         jnp.asarray(leak_of),
         as_float(periodograms.grid_hz),
         as_float(periodograms.rate_hz),
-        as_float(_log_bounds(order, periodograms.rate_hz)),
+        as_float(log_bounds(order, periodograms.rate_hz)),
         as_float(return_time_s),
     )
 
@@ -214,20 +215,28 @@ def held_out_deviances(
 
 def best_search(data: Data, order: int) -> Search:
     """Minimise the deviance from several starts; resonances come by frequency."""
-    starts = []
-    for frequencies_hz in _STARTS_HZ[order]:
-        values = [0.8, 0.12, 0.004]
-        for frequency_hz in frequencies_hz:
-            values += [0.4, frequency_hz, 0.2]
-        low, high = np.asarray(data.log_bounds)
-        share = np.clip((np.log(values) - low) / (high - low), 0.02, 0.98)
-        starts.append(np.repeat(np.log(share / (1 - share))[:, None], 3, axis=1))
-    logits, deviances = _from_starts(jnp.asarray(np.stack(starts), float), data)
+    starts = jnp.asarray(start_logits(np.asarray(data.log_bounds, float), order), float)
+    logits, deviances = _from_starts(starts, data)
     # Without scales the axes are fitted independently: each takes its best start.
     best = jnp.nanargmin(deviances, axis=0)
     logits = jnp.stack([logits[best[axis], :, axis] for axis in range(3)], axis=1)
     found = refine(Search(logits, jnp.zeros(len(data.weight))), data)
     return eqx.tree_at(lambda s: s.logits, found, _by_frequency(found.logits))
+
+
+def start_logits(
+    log_bounds: Float64[np.ndarray, "2 parameters"], order: int
+) -> Float64[np.ndarray, "starts parameters 3"]:
+    """Where the search starts, within its bounds."""
+    starts = []
+    for frequencies_hz in _STARTS_HZ[order]:
+        values = [0.8, 0.12, 0.004]
+        for frequency_hz in frequencies_hz:
+            values += [0.4, frequency_hz, 0.2]
+        low, high = log_bounds
+        share = np.clip((np.log(values) - low) / (high - low), 0.02, 0.98)
+        starts.append(np.repeat(np.log(share / (1 - share))[:, None], 3, axis=1))
+    return np.stack(starts)
 
 
 def _by_frequency(logits: Values) -> Values:
