@@ -46,16 +46,22 @@ def main() -> None:
         axis = np.array(axis)
         tip = on_paper(1.15 * axis)
         arrow = {"arrowstyle": "-|>", "color": colour, "lw": 2.5}
-        paper.annotate("", tip, (0, 0), arrowprops=arrow)
+        paper.annotate("", tuple(tip), (0, 0), arrowprops=arrow)
         arc = on_paper(turn(axis))
         paper.plot(*arc.T, color=colour, lw=1.2)
         paper.annotate(
-            "", arc[-1], arc[-4], arrowprops={"arrowstyle": "-|>", "color": colour}
+            "",
+            tuple(arc[-1]),
+            tuple(arc[-4]),
+            arrowprops={"arrowstyle": "-|>", "color": colour},
         )
-        paper.annotate(name, tip + beside, ha="center", va="center", color=colour)
+        paper.annotate(
+            name, tuple(tip + beside), ha="center", va="center", color=colour
+        )
     gaze = {"arrowstyle": "-|>", "color": "0.4", "ls": "--"}
-    paper.annotate("", on_paper(np.array([0, 0, -1.2])), (0, 0), arrowprops=gaze)
-    label = on_paper(np.array([0, 0, -1.45]))
+    ahead = tuple(on_paper(np.array([0, 0, -1.2])))
+    paper.annotate("", ahead, (0, 0), arrowprops=gaze)
+    label = tuple(on_paper(np.array([0, 0, -1.45])))
     paper.annotate("gaze: along -z", label, color="0.4", ha="center", va="bottom")
     paper.set(xlim=(-1.3, 1.75), ylim=(-0.95, 1.6), aspect="equal")
     paper.axis("off")

@@ -158,7 +158,7 @@ def test_one_subject_has_errors_between_its_windows(wander_traces):
     assert found.clusters == "48 windows of 1 subjects, between these windows only"
     assert np.isnan(found.standard_error.person_sd)
     assert found.head.person_sd == 0.2
-    assert np.all(np.isfinite(found.standard_error.speed_rms_deg_s))
+    assert np.all(np.isfinite(np.array(found.standard_error.speed_rms_deg_s)))
 
 
 @pytest.mark.slow

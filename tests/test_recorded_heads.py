@@ -32,7 +32,7 @@ def test_heads_fitted_to_half_of_the_people_move_like_the_others(
     halves = recordings(shared, name)
     head = fitting.fit(halves[fitted], order=order).head
     segments, rate_hz = fitting.still_data(halves[1 - fitted])
-    found = statistics.goodness(jax.random.key(0), head, segments, rate_hz)
+    found = statistics.goodness(jax.random.key(0), head, segments, rate_hz, draws=64)
     recorded, model = found.recorded, found.model
     off = lambda ours, theirs: np.asarray(ours) / np.asarray(theirs) - 1
     speeds = [

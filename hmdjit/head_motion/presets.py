@@ -126,7 +126,8 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_text, value)) + "]"
     if isinstance(value, str | bool):
-        return json.dumps(value)  # escapes what TOML wants escaped
+        # Escapes what TOML wants escaped, but for one control character.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     text = str(value) if isinstance(value, int) else f"{float(value):.6g}"
     is_whole = isinstance(value, float) and text.lstrip("-").isdigit()
     return f"{text}.0" if is_whole else text

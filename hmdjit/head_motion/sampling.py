@@ -49,9 +49,9 @@ def draw(
         state = state + apply(change, state) + apply(spread, driving)
         return state, state[..., 0]
 
+    run_in_s = jnp.asarray(_RUN_IN_STEP_S, dtype)
     if bursts is not None:
         # The first frame remembers former bursts: steps long enough to have them do.
-        run_in_s = jnp.asarray(_RUN_IN_STEP_S, dtype)
         step_s = jnp.where(
             jnp.arange(steps) < _RUN_IN_STEPS + 1, run_in_s, frame_time_s
         )

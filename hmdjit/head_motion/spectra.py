@@ -156,9 +156,9 @@ def _window(rate_hz: float) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _grid(rate_hz: float) -> int:
-    # Covariances are taken for those of a process that repeats after 12 s: of a window's
-    # length only those beyond 8 s overlap. The spring's remain, which take 1 % (a return
-    # time of 4 s) to 5 % (15 s) from what is expected at 0.25 Hz, the lowest frequency.
+    # Covariances are taken for those of a process that repeats after 12 s: within a
+    # window those beyond 8 s overlap. Of a head only the spring's are left there; they
+    # take 1 % (return time 4 s) to 5 % (15 s) from what is expected at 0.25 Hz.
     return 3 * round(WINDOW_S * rate_hz) // 2 * 2
 
 
