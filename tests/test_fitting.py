@@ -197,9 +197,9 @@ def test_held_out_people_choose_the_order(head, order):
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth():
-    # With twenty subjects sandwich errors are a little small: measured, 177 to 194 of 200
-    # intervals at 95 % cover, 188 on average, 19 of 21 numbers at least 180. Of 200 that
-    # cover with 92.5 % fewer than 172 do with probability 0.03 %: false alarm 0.6 %.
+    # With twenty subjects sandwich errors are a little small: measured, 177 to 194 of
+    # 200 intervals at 95 % cover, 188 on average, 19 of 21 numbers at least 180. Of 200
+    # that cover with 92.5 % fewer than 172 do with probability 0.05 %: 1 % in all.
     truth = np.array(jax.tree.leaves(RESONANT), float)
     covered = np.zeros(len(truth), int)
     for i in range(200):
