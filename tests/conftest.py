@@ -27,6 +27,18 @@ def rng():
 
 
 @pytest.fixture
+def file(tmp_path):
+    """Write a small file, and name it."""
+
+    def write(content, name="me.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture
 def untyped():
     """What users get: the tests' hook would refuse a wrong type before a check."""
     jaxtyping.config.update("jaxtyping_disable", True)

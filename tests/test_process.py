@@ -7,32 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg
+from heads import models
 from jax.random import clone
 from jax.test_util import check_grads
 
 from hmdjit import quaternion
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, presets, process
+from hmdjit.head_motion import Amplitude, HeadMotion, presets, process
 
 # Two-sided tests on normal statistics at 5 standard errors: false alarms 6e-7 each.
 LARGEST_Z = 5.0
 
-_TRACKER = (0.0037, 0.0036, 0.0034)
-MODEL_A = HeadMotion(
-    (1.12, 0.91, 0.93), (0.10, 0.124, 0.029), _TRACKER, 15.0, person_sd=0.17
-)
-MODEL_B = HeadMotion(
-    (0.9, 0.6, 0.65),
-    (0.15, 0.23, 0.05),
-    _TRACKER,
-    return_time_s=4.0,
-    person_sd=0.2,
-    resonators=(
-        Resonator((0.4, 0.5, 0.5), (2.8, 2.4, 3.0), (0.12, 0.05, 1.2)),
-        Resonator((0.45, 0.35, 0.3), (8.0, 4.1, 11.4), (0.15, 0.07, 0.1)),
-    ),
-)
-BURSTS = HeadMotion(**{**vars(MODEL_B), "amplitude": Amplitude(0.3, 0.4)})
-MODELS = {"A": MODEL_A, "B": MODEL_B, "bursts": BURSTS}
+MODELS = models(person_sd=0.2)
+MODEL_A, MODEL_B, BURSTS = MODELS.values()
 
 every_model = pytest.mark.parametrize("head", MODELS.values(), ids=MODELS)
 without_bursts = pytest.mark.parametrize(

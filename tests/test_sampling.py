@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import scipy.fft
 import scipy.linalg
+from heads import models
 from jax.random import clone
 
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, sampling
+from hmdjit.head_motion import Amplitude, HeadMotion, sampling
 from hmdjit.head_motion.components import Parts
 from hmdjit.head_motion.sampling import Bursts
 
@@ -24,25 +25,11 @@ LARGEST_Z = 5.0
 FRAMES, SESSIONS = 101, 1000
 RATES_HZ = (60.0, 72.0, 90.0, 120.0, 1000.0)
 
-_TRACKER = (0.0037, 0.0036, 0.0034)
-MODEL_A = HeadMotion(
-    (1.12, 0.91, 0.93), (0.10, 0.124, 0.029), _TRACKER, 15.0, person_sd=0.0
-)
-MODEL_B = HeadMotion(
-    (0.9, 0.6, 0.65),
-    (0.15, 0.23, 0.05),
-    _TRACKER,
-    return_time_s=4.0,
-    person_sd=0.0,
-    resonators=(
-        Resonator((0.4, 0.5, 0.5), (2.8, 2.4, 3.0), (0.12, 0.05, 1.2)),
-        Resonator((0.45, 0.35, 0.3), (8.0, 4.1, 11.4), (0.15, 0.07, 0.1)),
-    ),
-)
-BURSTS = HeadMotion(**{**vars(MODEL_B), "amplitude": Amplitude(0.3, 0.4)})
+_SHARED = models(person_sd=0.0)
+MODEL_B, BURSTS = _SHARED["B"], _SHARED["bursts"]
 # Bursts without spread: the Gaussian model B, drawn by the program of bursts.
 CALM = HeadMotion(**{**vars(MODEL_B), "amplitude": Amplitude(0.0, 0.4)})
-MODELS = {"calm": CALM, "bursts": BURSTS, "A": MODEL_A, "B": MODEL_B}
+MODELS = {"calm": CALM, "bursts": BURSTS, "A": _SHARED["A"], "B": MODEL_B}
 
 
 def marked(name, *rates_hz):

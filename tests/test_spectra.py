@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.signal
+from heads import models
 from scipy.spatial.transform import Rotation
 
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, Trace
+from hmdjit.head_motion import Trace
 from hmdjit.head_motion.spectra import Periodograms, Turns
 
 # Two-sided tests of means of 200 or more sessions at 5 standard errors: false alarms
@@ -19,23 +20,8 @@ RATE_HZ = 30.0  # low: what is tested has no scale, windows are 120 frames
 WINDOW = 120
 
 # Small angles: rotations add up like vectors, to 1e-3 of a turn.
-_TRACKER = (0.0037, 0.0036, 0.0034)
-MODEL_A = HeadMotion(
-    (0.12, 0.11, 0.13), (0.10, 0.124, 0.029), _TRACKER, 4.0, person_sd=0.0
-)
-MODEL_B = HeadMotion(
-    (0.09, 0.06, 0.065),
-    (0.15, 0.23, 0.05),
-    _TRACKER,
-    return_time_s=4.0,
-    person_sd=0.0,
-    resonators=(
-        Resonator((0.04, 0.05, 0.05), (2.8, 2.4, 3.0), (0.12, 0.05, 1.2)),
-        Resonator((0.045, 0.035, 0.03), (8.0, 4.1, 11.4), (0.15, 0.07, 0.1)),
-    ),
-)
-BURSTS = HeadMotion(**{**vars(MODEL_B), "amplitude": Amplitude(0.3, 0.4)})
-MODELS = {"A": MODEL_A, "B": MODEL_B, "bursts": BURSTS}
+MODELS = models(person_sd=0.0, scale=0.1, wander_s=4.0)
+MODEL_A, MODEL_B, BURSTS = MODELS.values()
 
 
 def trace(path_deg, *, rows=None, rate_hz=RATE_HZ, subject="one"):

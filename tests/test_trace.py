@@ -14,16 +14,6 @@ GOOD = "0.0,1,0,0,0\n0.1,0.8,0.6,0,0\n0.2,0.6,0.8,0,0\n"
 
 
 @pytest.fixture
-def file(tmp_path):
-    def write(content, name="me.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
-@pytest.fixture
 def wobble(rng):
     """A head that turns through all axes, its steps up to 0.3 rad, unevenly timed."""
     t_s = 5.0 + np.cumsum(rng.uniform(0.005, 0.03, 300))

@@ -17,16 +17,6 @@ WXYZ = TURNS.as_quat(scalar_first=True)
 MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
-@pytest.fixture
-def file(tmp_path):
-    def write(content, name="me.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 def table(header, columns, separator=",", comma=False):
     lines = [separator.join(header)]
     for row in np.column_stack(columns).tolist():
