@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
+from . import color
 from ._types import Mask, Numbers, Plane, Rgb, Scalar
 
 
@@ -50,14 +51,10 @@ def color_difference(current: Rgb, history: Rgb, *, kind: str = "euclidean") -> 
     **Source:** Kim et al., section on localisation; the normalisation makes the largest
     difference map to w_lb, as the text demands.
     """
-    difference = current - history
     if kind == "max_channel":
-        return jnp.clip(jnp.max(jnp.abs(difference), axis=0), 0.0, 1.0)
-    squared = jnp.sum(difference**2, axis=0)
-    is_zero = squared == 0
-    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
-    distance = jnp.sqrt(jnp.where(is_zero, 1.0, squared))
-    return jnp.clip(jnp.where(is_zero, 0.0, distance) / 3**0.5, 0.0, 1.0)
+        red, green, blue = jnp.abs(current - history)
+        return jnp.clip(jnp.maximum(jnp.maximum(red, green), blue), 0.0, 1.0)
+    return jnp.clip(color.distance(current, history) / 3**0.5, 0.0, 1.0)
 
 
 def localized_minimum(w_min: Scalar, w_lb: Scalar, difference: Numbers) -> Numbers:

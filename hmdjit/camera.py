@@ -6,6 +6,7 @@ forward) is `((x - W/2) / f, (H/2 - y) / f, -1)` with `f = (W/2) / tan(fov / 2)`
 """
 
 import functools
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -68,6 +69,11 @@ class Region(eqx.Module):
     def whole(cls, camera: Camera) -> "Region":
         """Return the whole camera frame."""
         return cls(0, 0, camera.width_px, camera.height_px)
+
+    def is_in(self, other: "Region") -> Bool[Array, "height width"]:
+        """Which of its pixels lie in another region."""
+        x, y = self.columns() - other.x0, self.rows() - other.y0
+        return (x >= 0) & (x < other.width) & (y >= 0) & (y < other.height)
 
     def columns(self) -> Numbers:
         """Column of each pixel in the camera frame, shape `(1, width)`, int32."""
@@ -150,22 +156,34 @@ def displacement(
     **Accuracy:** each keeps its relative precision however small the rotation is,
     which the difference of two projected positions near 1000 px does not.
     """
+    return displacing(camera, rotation)(x_px, y_px)
+
+
+def displacing(
+    camera: Camera, rotation: RotationVector
+) -> Callable[[Numbers, Numbers], tuple[Numbers, Numbers, Bool[Array, "..."]]]:
+    """Return `displacement` as a function of position, its scalars computed already."""
     dtype = rotation.dtype
     focal = jnp.asarray(camera.focal_px, dtype)
-    ray_x = (x_px - jnp.asarray(camera.width_px / 2, dtype)) / focal
-    ray_y = (jnp.asarray(camera.height_px / 2, dtype) - y_px) / focal
     turn = quaternion.matrix_minus_identity(rotation)
-    # The ray is (ray_x, ray_y, -1); (R - I) ray:
-    move_x = turn[0, 0] * ray_x + turn[0, 1] * ray_y - turn[0, 2]
-    move_y = turn[1, 0] * ray_x + turn[1, 1] * ray_y - turn[1, 2]
-    move_z = turn[2, 0] * ray_x + turn[2, 1] * ray_y - turn[2, 2]
-    depth = 1 - move_z
-    # Asked this way round, a rotation that is not a number stays visible as NaN.
-    is_behind = depth <= 0
-    scale = focal / jnp.where(is_behind, 1.0, depth)
-    dx = jnp.where(is_behind, 0.0, scale * (move_x + ray_x * move_z))
-    dy = jnp.where(is_behind, 0.0, -scale * (move_y + ray_y * move_z))
-    return dx, dy, depth > 0
+    centre_x, centre_y = camera.width_px / 2, camera.height_px / 2
+
+    def at(x_px: Numbers, y_px: Numbers) -> tuple[Numbers, Numbers, Array]:
+        ray_x = (x_px - jnp.asarray(centre_x, dtype)) / focal
+        ray_y = (jnp.asarray(centre_y, dtype) - y_px) / focal
+        # The ray is (ray_x, ray_y, -1); (R - I) ray:
+        move_x = turn[0, 0] * ray_x + turn[0, 1] * ray_y - turn[0, 2]
+        move_y = turn[1, 0] * ray_x + turn[1, 1] * ray_y - turn[1, 2]
+        move_z = turn[2, 0] * ray_x + turn[2, 1] * ray_y - turn[2, 2]
+        depth = 1 - move_z
+        # Asked this way round, a rotation that is not a number stays visible as NaN.
+        is_behind = depth <= 0
+        scale = focal / jnp.where(is_behind, 1.0, depth)
+        dx = jnp.where(is_behind, 0.0, scale * (move_x + ray_x * move_z))
+        dy = jnp.where(is_behind, 0.0, -scale * (move_y + ray_y * move_z))
+        return dx, dy, depth > 0
+
+    return at
 
 
 class _Interval(eqx.Module):

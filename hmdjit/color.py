@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._types import Numbers
+from ._types import Numbers, Plane, Rgb
 
 STEEPEST_ENCODE = 12.92
 """Largest slope of `encode`: that of its straight line at black."""
@@ -52,3 +52,22 @@ def luma(rgb: Float[Array, "rgb=3 *size"]) -> Float[Array, " *size"]:
     **Source:** ITU-R BT.709-6, table 3.2: 0.2126 R + 0.7152 G + 0.0722 B.
     """
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+
+
+def squared_distance(one: Rgb, other: Rgb) -> Plane:
+    """Squared Euclidean distance of each pixel's colours, `(height, width)`."""
+    # Written out: XLA would sum over an axis of three many times as slowly.
+    red, green, blue = one - other
+    return red**2 + green**2 + blue**2
+
+
+def distance(one: Rgb, other: Rgb) -> Plane:
+    """Euclidean distance of each pixel's colours, `(height, width)`.
+
+    **Accuracy:** the gradient where two pixels are equal is chosen as exactly 0.
+    """
+    squared = squared_distance(one, other)
+    is_zero = squared == 0
+    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
+    root = jnp.sqrt(jnp.where(is_zero, 1.0, squared))
+    return jnp.where(is_zero, 0.0, root)

@@ -6,6 +6,8 @@ pixel's own centre. That keeps the digits that a position near 1000 px would los
 leaves storage and taps to the source: a faster source changes no technique.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,11 +15,25 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
+from . import _checks, quaternion, resampling
 from . import camera as pinhole
-from . import quaternion, resampling
-from ._types import Mask, Plane, Planes, Poses, Rgb, RotationVector, Samples
+from ._types import (
+    Mask,
+    Numbers,
+    Picture,
+    Plane,
+    Planes,
+    Poses,
+    Rgb,
+    RotationVector,
+    Samples,
+    WholeNumber,
+)
 from .camera import Camera, Region
 from .resampling import Texels
+
+FILTERS = ("nearest", "bilinear", "catmull_rom")
+WARPS = ("homography", "affine", "shift")
 
 
 class Motion(eqx.Module):
@@ -40,6 +56,36 @@ class Motion(eqx.Module):
         return cls(quaternion.offsets(poses), quaternion.increments(poses))
 
 
+class Reading(eqx.Module):
+    """How sources are read: what there is to choose between speed and accuracy.
+
+    - `sampler`: `"slices"`, fast on a CPU for pixels that move nearly alike;
+      `"gather"`, for anything: on a GPU, and for derivatives; `"at_rest"`, where
+      nothing has moved since the history was kept.
+    - `texture_filter`: `"nearest"`, `"bilinear"` or `"catmull_rom"` between texels.
+    - `history_filter`: the same between displayed pixels. Not an approximation but a
+      part of the modelled device: a sharper one changes MTCD by several percent.
+    - `warp`: how a rotation moves the pixels of a region. `"homography"` is exact,
+      `"affine"` linear about the region's centre, `"shift"` moves all like the centre.
+    """
+
+    sampler: str = eqx.field(static=True, default="gather")
+    texture_filter: str = eqx.field(static=True, default="bilinear")
+    history_filter: str = eqx.field(static=True, default="bilinear")
+    warp: str = eqx.field(static=True, default="homography")
+
+    def __check_init__(self):
+        _checks.one_of("sampler", self.sampler, ("slices", "gather", "at_rest"))
+        _checks.one_of("texture_filter", self.texture_filter, FILTERS)
+        _checks.one_of("history_filter", self.history_filter, FILTERS)
+        _checks.one_of("warp", self.warp, WARPS)
+
+
+GATHER = Reading()
+SLICES = Reading("slices")
+AT_REST = Reading("at_rest")
+
+
 class Displacement(eqx.Module):
     """Where the sources of a region's pixels lie when their rays are turned.
 
@@ -48,12 +94,14 @@ class Displacement(eqx.Module):
     - `rotation`: rotation vector applied to the rays, rad, shape `(3,)`.
     - `sample_px`: which point of each pixel is meant, px from its centre, shape `(2,)`,
       in `[-1.5, 1.5]` (jitter may leave the pixel); None is the centre itself.
+    - `reading`: how the source is read.
     """
 
     camera: Camera
     region: Region
     rotation: RotationVector
     sample_px: Float[Array, "2"] | None = None
+    reading: Reading = GATHER
 
     def _positions(self) -> tuple[Float[Array, "1 width"], Float[Array, "height 1"]]:
         dtype = self.rotation.dtype
@@ -65,57 +113,156 @@ class Displacement(eqx.Module):
 
     def px(self) -> tuple[Plane, Plane]:
         """Source position from each pixel's centre, px, two `(height, width)`."""
-        dx, dy, _ = pinhole.displacement(self.camera, self.rotation, *self._positions())
-        if self.sample_px is not None:
-            dx, dy = dx + self.sample_px[0], dy + self.sample_px[1]
-        return dx, dy
+        return self.field()()
 
-    def bounds(self) -> Float[Array, "2"]:
-        """Largest |dx| and |dy| over the region, px; never too small."""
+    def field(self) -> Callable[[], tuple[Plane, Plane]]:
+        """Return `px` as a function, its scalars computed already."""
+        moved = pinhole.displacing(self.camera, self.rotation)
+        x, y = self._positions()
+        if self.reading.warp != "homography":
+            moved = self._linear(moved, x, y)
+
+        def px() -> tuple[Plane, Plane]:
+            dx, dy, _ = moved(x, y)
+            if self.sample_px is not None:
+                return dx + self.sample_px[0], dy + self.sample_px[1]
+            return dx, dy
+
+        return px
+
+    def _linear(self, moved: Callable, x: Numbers, y: Numbers) -> Callable:
+        """Displacement about the region's centre, to order 1 or to order 0."""
+        from_left = self.region.width / 2 - 0.5
+        from_top = self.region.height / 2 - 0.5
+        centre = jnp.stack([x[0, 0] + from_left, y[0, 0] + from_top])
+        at_centre = lambda place: jnp.stack(moved(*place)[:2])
+        offset = at_centre(centre)
+        if self.reading.warp == "shift":
+            shape = (self.region.height, self.region.width)
+            return lambda x, y: (*(jnp.full(shape, m) for m in offset), None)
+        slope = jax.jacfwd(at_centre)(centre)
+
+        def affine(x: Numbers, y: Numbers) -> tuple[Plane, Plane, None]:
+            x, y = x - centre[0], y - centre[1]
+            dx = offset[0] + slope[0, 0] * x + slope[0, 1] * y
+            return dx, offset[1] + slope[1, 0] * x + slope[1, 1] * y, None
+
+        return affine
+
+    def span(self) -> Float[Array, "2 2"]:
+        """Smallest and largest `(dx, dy)` over the region, px; never too narrow."""
         region = self.region
         if self.sample_px is None:
-            return pinhole.displacement_bound(self.camera, region, self.rotation)
+            return pinhole.displacement_range(self.camera, region, self.rotation)
         # A jittered sample may lie outside its pixel, where the picture moves faster.
         wider = Region(
             region.x0 - 1, region.y0 - 1, region.width + 2, region.height + 2
         )
-        bound = pinhole.displacement_bound(self.camera, wider, self.rotation)
-        return bound + jnp.abs(self.sample_px)
+        span = pinhole.displacement_range(self.camera, wider, self.rotation)
+        return span + self.sample_px[None]
+
+    def bounds(self) -> Float[Array, "2"]:
+        """Largest |dx| and |dy| over the region, px; never too small."""
+        return jnp.max(jnp.abs(self.span()), axis=0)
 
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame and in front of the camera."""
-        x, y = self._positions()
-        dx, dy, in_front = pinhole.displacement(self.camera, self.rotation, x, y)
-        in_width = (x + dx >= 0) & (x + dx <= self.camera.width_px)
-        in_height = (y + dy >= 0) & (y + dy <= self.camera.height_px)
-        return in_front & in_width & in_height
+
+        def each() -> Mask:
+            x, y = self._positions()
+            dx, dy, in_front = pinhole.displacement(self.camera, self.rotation, x, y)
+            in_width = (x + dx >= 0) & (x + dx <= self.camera.width_px)
+            in_height = (y + dy >= 0) & (y + dy <= self.camera.height_px)
+            return in_front & in_width & in_height
+
+        if self.reading.sampler != "slices":
+            return each()
+        # Away from the frame's edges a block is inside as a whole.
+        region, (low, high) = self.region, self.span()
+        first = jnp.stack([jnp.asarray(i, low.dtype) for i in (region.x0, region.y0)])
+        size = jnp.array([region.width, region.height], low.dtype)
+        end = jnp.array([self.camera.width_px, self.camera.height_px], low.dtype)
+        is_whole = jnp.all((first + low >= 0) & (first + size + high <= end))
+        everywhere = lambda: jnp.ones((region.height, region.width), bool)
+        return jax.lax.cond(is_whole, everywhere, each)
 
 
 class History(eqx.Module):
-    """A displayed region, read bilinearly by the frames after it.
+    """A displayed region, read by the frames after it.
 
-    The bilinear read belongs to the modelled device: a sharper one changes MTCD by
-    several percent. Taps beyond the region clamp to its edge.
+    Reads beyond the region clamp to its edge.
+
+    - `texels`: the region, with a rim of `rim_px` repeated edge pixels around it.
+    - `region`: which pixels these are; None means those of whoever reads.
     """
 
     texels: Texels
+    region: Region | None = None
+    rim_px: int = eqx.field(static=True, default=0)
 
     @classmethod
     def of(cls, planes: Planes) -> "History":
         """Keep planes `(channels, height, width)`."""
-        return cls(jnp.moveaxis(planes, 0, -1))
+        return cls(planes[None, None])
 
-    @property
-    def planes(self) -> Planes:
-        """The region itself, unmoved, shape `(channels, height, width)`."""
-        return jnp.moveaxis(self.texels, -1, 0)
+    def with_rim(self, region: Region, rim_px: int) -> "History":
+        """Repeat the edge pixels all around, so that slices may reach over it."""
+        widths = [(0, 0)] * 3 + [(rim_px, rim_px)] * 2
+        return History(jnp.pad(self.texels, widths, mode="edge"), region, rim_px)
+
+    def written(self, planes: Planes, region: Region) -> "History":
+        """Replace some of its pixels; the rim stays as it was."""
+        column, row = self._place(region)
+        start = [jnp.asarray(i, jnp.int32) for i in (0, 0, 0, row, column)]
+        texels = jax.lax.dynamic_update_slice(self.texels, planes[None, None], start)
+        return History(texels, self.region, self.rim_px)
+
+    def rimmed(self) -> "History":
+        """Repeat the edge pixels all around once more."""
+        rim, rows, columns = self.rim_px, *self.texels.shape[-2:]
+        if not rim:
+            return self
+
+        def edges() -> list[Texels]:
+            rows = self.texels[..., [rim, -rim - 1], rim:-rim]
+            ends = [(0, 0)] * 4 + [(rim, rim)]
+            top, bottom = jnp.split(jnp.pad(rows, ends, mode="edge"), 2, axis=-2)
+            left = self.texels[..., rim:-rim, rim : rim + 1]
+            right = self.texels[..., rim:-rim, -rim - 1 : -rim]
+            upright = [jnp.repeat(edge, rim, axis=-1) for edge in (left, right)]
+            return [jnp.repeat(edge, rim, axis=-2) for edge in (top, bottom)] + upright
+
+        # All edges are read before any is written, and XLA is shown that they are:
+        # else it copies the whole picture four times.
+        is_known = jnp.isfinite(self.texels[0, 0, 0, rim, rim])
+        known = jax.lax.cond(is_known, edges, edges)
+        places = [(0, 0), (rows - rim, 0), (rim, 0), (rim, columns - rim)]
+        texels = self.texels
+        for edge, place in zip(known, places, strict=True):
+            texels = jax.lax.dynamic_update_slice(texels, edge, (0, 0, 0, *place))
+        return History(texels, self.region, rim)
+
+    def _place(self, region: Region) -> tuple[WholeNumber, WholeNumber]:
+        """Where a region begins in the texels."""
+        mine = region if self.region is None else self.region
+        column = region.x0 - mine.x0 + self.rim_px
+        return column, region.y0 - mine.y0 + self.rim_px
+
+    def under(self, region: Region) -> Planes:
+        """Planes of some of its pixels, unmoved."""
+        _, _, channels, *_ = self.texels.shape
+        column, row = self._place(region)
+        start = [jnp.asarray(i, jnp.int32) for i in (0, 0, 0, row, column)]
+        size = (1, 1, channels, region.height, region.width)
+        return jax.lax.dynamic_slice(self.texels, start, size)[0, 0]
 
     def at(self, displacement: Displacement) -> Planes:
-        """Planes read where each pixel's source lies; same shape as the region."""
-        height, width, _ = self.texels.shape
-        column = jnp.arange(width, dtype=jnp.int32)[None, :]
-        row = jnp.arange(height, dtype=jnp.int32)[:, None]
-        return _read(self.texels, column, row, displacement)
+        """Planes read where each pixel's source lies, `(channels, height, width)`."""
+        if displacement.reading.sampler == "at_rest":
+            return self.under(displacement.region)
+        place = self._place(displacement.region)
+        filter_ = displacement.reading.history_filter
+        return _read(self.texels, place, displacement, filter_)
 
 
 class Texture(eqx.Module):
@@ -125,52 +272,87 @@ class Texture(eqx.Module):
     pixel column i, and the k - 1 after it lie evenly between it and the next: the hold
     pose reads the scene exactly.
 
-    - `color`: gamma colour at each texel's centre, shape `(height, width, 3)`.
-    - `supersampled`: the SSAA(4) reference at each texel's centre: 16 samples over one
-      display pixel, averaged in linear light, gamma again; same shape.
-    - `oversampling`: texels per display pixel and axis, in the hold pose's plane.
+    - `color_texels`: gamma colour at each texel's centre.
+    - `supersampled_texels`: the SSAA(4) reference at each texel's centre: 16 samples
+      over one display pixel, averaged in linear light, gamma again.
     - `margin_px`: how far the plane extends beyond the camera frame, display px.
+
+    Both are stored by phase, see `resampling`: `(k, k, 3, rows, columns)`.
     """
 
-    color: Texels
-    supersampled: Texels
-    oversampling: int = eqx.field(static=True)
+    color_texels: Texels
+    supersampled_texels: Texels
     margin_px: int = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, color: Picture, supersampled: Picture, oversampling: int, margin_px: int
+    ) -> "Texture":
+        """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel."""
+        stored = (resampling.texels(p, oversampling) for p in (color, supersampled))
+        return cls(*stored, margin_px)
+
+    @property
+    def oversampling(self) -> int:
+        """Texels per display pixel and axis, in the hold pose's plane."""
+        return self.color_texels.shape[0]
+
+    @property
+    def color(self) -> Picture:
+        """The colour as a picture, `(height, width, 3)`."""
+        return resampling.picture(self.color_texels)
+
+    @property
+    def supersampled(self) -> Picture:
+        """The reference as a picture, `(height, width, 3)`."""
+        return resampling.picture(self.supersampled_texels)
 
     def at(self, displacement: Displacement, *, supersampled: bool = False) -> Rgb:
         """Colour, `(3, height, width)`, or the reference, where each source lies."""
-        scale = self.oversampling
+        texels = self.supersampled_texels if supersampled else self.color_texels
         region = displacement.region
-        column = scale * (region.columns() + self.margin_px)
-        row = scale * (region.rows() + self.margin_px)
-        texels = self.supersampled if supersampled else self.color
-        return _read(texels, column, row, displacement, scale)
+        place = (region.x0 + self.margin_px, region.y0 + self.margin_px)
+        return _read(texels, place, displacement, displacement.reading.texture_filter)
 
 
 def _read(
     texels: Texels,
-    column: Array,
-    row: Array,
+    place: tuple[WholeNumber, WholeNumber],
     displacement: Displacement,
-    scale: int = 1,
+    filter_: str,
 ) -> Planes:
-    """Bilinear read behind a boundary that XLA does not fuse across.
+    """Read texels behind a boundary that XLA does not fuse across.
 
-    On the CPU, XLA would gather anew for every use of the result, six times in a
-    blend; only a conditional that it cannot decide stops it. A rotation that is not
-    finite gives NaN, so the condition also means something.
+    On the CPU, XLA would read anew for every use of the result, six times in a blend;
+    only a conditional that it cannot decide stops it. A rotation that is not finite
+    gives NaN, so the condition also means something.
     """
-    region = displacement.region
-    shape = (texels.shape[-1], region.height, region.width)
+    k, _, channels, *_ = texels.shape
+    region, rotation = displacement.region, displacement.rotation
+    column, row = place
+
+    field = displacement.field()
+
+    def offset() -> tuple[Plane, Plane]:
+        dx, dy = field()
+        return k * dx, k * dy
+
+    if displacement.reading.sampler == "slices" and filter_ == "bilinear":
+        shape = (region.height, region.width)
+        span = k * displacement.span()
+        return resampling.bilinear_by_slices(texels, column, row, shape, span, offset)
 
     def read() -> Planes:
-        dx, dy = displacement.px()
-        return resampling.bilinear(texels, column, row, scale * dx, scale * dy)
+        x = k * (column + jnp.arange(region.width, dtype=jnp.int32))[None, :]
+        y = k * (row + jnp.arange(region.height, dtype=jnp.int32))[:, None]
+        read_with = getattr(resampling, filter_)
+        return read_with(texels, x, y, *offset()).astype(rotation.dtype)
 
+    unknown = (channels, region.height, region.width)
     return jax.lax.cond(
-        jnp.isfinite(displacement.rotation).all(),
+        jnp.isfinite(rotation).all(),
         read,
-        lambda: jnp.full(shape, jnp.nan, texels.dtype),
+        lambda: jnp.full(unknown, jnp.nan, rotation.dtype),
     )
 
 
@@ -181,16 +363,18 @@ class Frame(eqx.Module):
     - `camera`, `region`: which pixels these are.
     - `static_mask`: True where the scene is static, `(height, width)`; None is
       everywhere.
+    - `reading`: how techniques read their history.
     """
 
     color: Samples
     camera: Camera
     region: Region
     static_mask: Bool[Array, "height width"] | None = None
+    reading: Reading = GATHER
 
     def displacement(self, rotation: RotationVector) -> Displacement:
         """Where the sources of this frame's pixels lie when their rays are turned."""
-        return Displacement(self.camera, self.region, rotation)
+        return Displacement(self.camera, self.region, rotation, None, self.reading)
 
 
 def rebased_motion(poses: Float[np.ndarray, "frames 4"], dtype: DTypeLike) -> Motion:

@@ -191,17 +191,18 @@ def matrix_minus_identity(rotation: RotationVector) -> _Matrix:
     **Source:** Rodrigues: `R - I = sinc(a) [r]x + 2 (sin(a/2) / a)^2 [r]x^2`.
     """
     x, y, z = rotation
-    zero = jnp.zeros_like(x)
-    cross = jnp.stack(
-        [
-            jnp.stack([zero, -z, y]),
-            jnp.stack([z, zero, -x]),
-            jnp.stack([-y, x, zero]),
-        ]
-    )
-    angle_squared = rotation @ rotation
-    half_turn = _sin_ratio(angle_squared / 4)
-    return _sin_ratio(angle_squared) * cross + 0.5 * half_turn**2 * (cross @ cross)
+    xx, yy, zz = x * x, y * y, z * z
+    angle_squared = xx + yy + zz
+    # Written out, with [r]x^2 = r r' - |r|^2: it is done per frame and source, where
+    # one product of small matrices costs as much as all the rest.
+    first = _sin_ratio(angle_squared)
+    second = 0.5 * _sin_ratio(angle_squared / 4) ** 2
+    rows = [
+        [-second * (yy + zz), second * x * y - first * z, second * x * z + first * y],
+        [second * x * y + first * z, -second * (xx + zz), second * y * z - first * x],
+        [second * x * z - first * y, second * y * z + first * x, -second * (xx + yy)],
+    ]
+    return jnp.stack([jnp.stack(row) for row in rows])
 
 
 def rebase(poses: Float64[np.ndarray, "frames 4"]) -> Float64[np.ndarray, "frames 4"]:

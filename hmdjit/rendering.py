@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 from ._types import Rgb, RotationVector
 from .camera import Camera, Region
-from .frame import Displacement, Frame, Texture
+from .frame import GATHER, Displacement, Frame, Reading, Texture
 
 
 def render(
@@ -17,6 +17,7 @@ def render(
     samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
     *,
     supersampled: bool = False,
+    reading: Reading = GATHER,
 ) -> Frame:
     """Frame of a region as the head sees it from a pose.
 
@@ -31,22 +32,29 @@ def render(
     technique can ask of it.
     """
     if supersampled:
-        return Frame(reference(texture, camera, region, offset)[None], camera, region)
+        color = reference(texture, camera, region, offset, reading)[None]
+        return Frame(color, camera, region, reading=reading)
 
     def at(sample: Array | np.ndarray) -> Rgb:
         is_centre = isinstance(sample, np.ndarray) and not sample.any()
         shift = None if is_centre else jnp.asarray(sample, offset.dtype)
-        return texture.at(Displacement(camera, region, offset, shift))
+        return texture.at(Displacement(camera, region, offset, shift, reading))
 
-    return Frame(jnp.stack([at(s) for s in samples_px]), camera, region)
+    color = jnp.stack([at(s) for s in samples_px])
+    return Frame(color, camera, region, reading=reading)
 
 
 def reference(
-    texture: Texture, camera: Camera, region: Region, offset: RotationVector
+    texture: Texture,
+    camera: Camera,
+    region: Region,
+    offset: RotationVector,
+    reading: Reading = GATHER,
 ) -> Rgb:
     """Return the SSAA(4) reference picture of a region, gamma, `(3, height, width)`.
 
     **Accuracy:** the texture's box is one pixel of the hold pose's image plane; off the
     hold pose the true pixel is turned and scaled a little against it.
     """
-    return texture.at(Displacement(camera, region, offset), supersampled=True)
+    displacement = Displacement(camera, region, offset, None, reading)
+    return texture.at(displacement, supersampled=True)

@@ -4,7 +4,9 @@
 rendered elsewhere. No frame is stored by `simulate`.
 """
 
+import dataclasses
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -13,16 +15,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from . import _checks, rendering
+from . import _checks, blocks, color, rendering
 from . import camera as pinhole
-from ._types import Clip, Planes, Poses, Rgb, RotationVector, Scalar, WholeNumber
+from ._types import Clip, Poses, Rgb, RotationVector, WholeNumber
 from .camera import Camera, Region
-from .frame import Frame, Motion, Texture, rebased_motion
-from .metrics.image_error import mse
-from .metrics.mtcd import CODE_VALUES, pair_distance
+from .frame import (
+    AT_REST,
+    GATHER,
+    SLICES,
+    Frame,
+    Motion,
+    Reading,
+    Texture,
+    rebased_motion,
+)
+from .metrics.mtcd import CODE_VALUES
 from .scenes.base import AbstractScene, bake
 from .techniques import SSAA
-from .techniques.base import AbstractTechnique
+from .techniques.base import AbstractTechnique, State
 
 
 class Result(eqx.Module):
@@ -37,27 +47,17 @@ class Result(eqx.Module):
     detail_loss: Float[Array | np.ndarray, "*sessions"]
 
 
-def crop(
-    planes: Planes, region: Region, block: Region
-) -> Float[Array, "channels block_height block_width"]:
-    """Cut a block out of a region's planes; both are places in the camera frame."""
-    if (region.height, region.width) == (block.height, block.width):
-        return planes
-    place = (0, block.y0 - region.y0, block.x0 - region.x0)
-    start = [jnp.asarray(index, jnp.int32) for index in place]
-    return jax.lax.dynamic_slice(
-        planes, start, (planes.shape[0], block.height, block.width)
-    )
-
-
 def session(
     texture: Texture,
     camera: Camera,
     technique: AbstractTechnique,
     motion: Motion,
     region: Region,
-    block: Region,
+    measured: Region,
+    *,
     warmup: int,
+    reading: Reading = GATHER,
+    detail_loss: bool = True,
 ) -> Result:
     """Simulate one session on one region; not jitted, unbatched.
 
@@ -65,8 +65,10 @@ def session(
 
     - `motion`: of `warmup + frames` poses; the first offset is 0.
     - `region`: the pixels that are rendered and filtered.
-    - `block`: the pixels that are measured; inside the region.
+    - `measured`: those that are measured; inside the region.
     - `warmup`: how many displayed frames are not measured; static.
+    - `reading`: how sources are read; static.
+    - `detail_loss`: whether to measure it (else it is 0); static.
 
     **Returns:** the measurements; NaN where the head leaves the texture's margin, for
     a clamped read would look like a calm picture.
@@ -75,62 +77,166 @@ def session(
         motion.offset
     )
     is_covered = jnp.all(bounds <= texture.margin_px)
-
     table = technique.sample_offsets_px
+    dtype = motion.offset.dtype
+    is_reference = isinstance(technique, SSAA) and technique.reads_supersampled
 
-    def frame_at(offset: RotationVector, k: WholeNumber) -> Frame:
+    def frame_at(part: Region, offset: RotationVector, k: WholeNumber) -> Frame:
         # Rows of a table of one stay NumPy: a sample at the centre then costs nothing.
         samples = table[0] if len(table) == 1 else jnp.asarray(table)[k % len(table)]
         return rendering.render(
             texture,
             camera,
-            region,
+            part,
             offset,
             samples,
             supersampled=technique.reads_supersampled,
+            reading=reading,
         )
 
     first = warmup if not technique.remembers else 0
-    state = technique.init(frame_at(motion.offset[first], first))
-    shown = jnp.zeros((3, block.height, block.width), texture.color.dtype)
-    zero = jnp.zeros((), texture.color.dtype)
+    rim_px = blocks.RIM_PX if reading.sampler == "slices" else 0
+
+    def init(part: Region) -> State:
+        return technique.init(frame_at(part, motion.offset[first], first))
+
+    state = jax.eval_shape(init, region)
+    is_cut = reading.sampler == "slices" and blocks.is_cuttable(state)
+    grid = blocks.cut(region) if is_cut else blocks.uncut(region)
+    is_whole = grid.count == 1
+    # Of a region in one piece only the measured part is kept of what is shown.
+    shown_region = measured if is_whole else region
+
+    def shown_block(
+        state: State, block: Region, k: WholeNumber, now: Motion
+    ) -> tuple[State, Rgb]:
+        """State and display of a block.
+
+        The first frame starts the history. That choice is also a boundary that XLA does
+        not fuse across: it would blend anew for each use of the displayed picture.
+        """
+        frame = frame_at(block, now.offset, k)
+        still = dataclasses.replace(frame, reading=AT_REST)
+
+        def displayed(before: State, frame: Frame) -> tuple[State, Rgb | None]:
+            new, shown = technique.step(before, frame, now)
+            return new, None if technique.displays_history else shown
+
+        new, shown = jax.lax.cond(
+            k == first,
+            lambda: displayed(technique.init(frame), still),
+            lambda: displayed(state, frame),
+        )
+        return new, new.under(block) if shown is None else shown
+
+    def sums(shown: Rgb, previous: Rgb, part: Region, offset: RotationVector) -> Array:
+        """Distance to the frame before, and squared error, summed over pixels."""
+        found = [color.distance(shown, previous)]
+        if detail_loss and not is_reference:
+            reference = rendering.reference(texture, camera, part, offset, reading)
+            found.append(color.squared_distance(shown, reference))
+        if not _same_size(shown_region, measured):
+            found = [jnp.where(part.is_in(measured), plane, 0) for plane in found]
+        totals = [jnp.sum(plane) for plane in found]
+        return jnp.stack([*totals, jnp.zeros((), dtype)][:2])
 
     def advance(carry: tuple, step: tuple) -> tuple[tuple, None]:
-        state, previous, flicker, loss = carry
+        state, previous, total = carry
         k, now = step
-        state, displayed = technique.step(state, frame_at(now.offset, k), now)
-        displayed = crop(displayed, region, block)
+        # The first measured frame has no measured frame before it.
+        is_counted = jnp.stack([k > warmup, k >= warmup])
 
-        def measure(flicker: Scalar, loss: Scalar) -> tuple[Scalar, Scalar]:
-            # SSAA(4) is the reference: it is not read a second time.
-            is_reference = isinstance(technique, SSAA) and technique.reads_supersampled
-            reference = (
-                displayed
-                if is_reference
-                else rendering.reference(texture, camera, block, now.offset)
+        def on_block(n: Array, carry: tuple) -> tuple:
+            new, latest, total = carry
+            block = grid.block(n)
+            mine, shown = shown_block(state, block, k, now)
+            part = measured if is_whole else block
+            shown = blocks.part_of(shown, block, part)
+
+            if technique.displays_history:
+                before = state.under(part)
+            else:
+                before = blocks.part_of(previous, shown_region, part)
+            found = jax.lax.cond(
+                k >= warmup,
+                lambda: sums(shown, before, part, now.offset),
+                lambda: jnp.zeros(2, dtype),
             )
-            distance = pair_distance(displayed, previous)
-            # The first measured frame has no measured frame before it.
-            flicker = flicker + jnp.where(k > warmup, distance, 0.0)
-            return flicker, loss + CODE_VALUES**2 * mse(displayed, reference)
+            total = total + jnp.where(is_counted, found, 0)
+            if is_whole:
+                return blocks.kept(mine, region, rim_px), shown, total
+            if not technique.displays_history:
+                place = blocks.start(region, part)
+                latest = jax.lax.dynamic_update_slice(latest, shown, place)
+            return blocks.written(new, mine, block), latest, total
 
-        flicker, loss = jax.lax.cond(
-            k >= warmup, measure, lambda *sums: sums, flicker, loss
-        )
-        return (state, displayed, flicker, loss), None
+        if is_whole:
+            new, latest, total = on_block(jnp.int32(0), (state, previous, total))
+        else:
+            blank = blocks.blank(state, region, rim_px)
+            start = (blank, jnp.zeros_like(previous), total)
+            new, latest, total = jax.lax.fori_loop(0, grid.count, on_block, start)
+            new = blocks.rimmed(new)
+        return (new, previous if technique.displays_history else latest, total), None
+
+    size = (3, shown_region.height, shown_region.width)
+    previous = jnp.zeros((0,) if technique.displays_history else size, dtype)
+    state = blocks.blank(state, region, rim_px)
 
     frames = motion.offset.shape[0]
     steps = jnp.arange(first, frames, dtype=jnp.int32)
     motions = jax.tree.map(lambda leaf: leaf[first:], motion)
-    (_, _, flicker, loss), _ = jax.lax.scan(
-        advance, (state, shown, zero, zero), (steps, motions)
+    start = (state, previous, jnp.zeros(2, dtype))
+    (_, _, total), _ = jax.lax.scan(advance, start, (steps, motions))
+    flicker, loss = total / (measured.width * measured.height)
+    pairs = frames - warmup - 1
+    nothing = jnp.where(is_covered, 0.0, jnp.nan).astype(dtype)
+    return Result(
+        CODE_VALUES * flicker / pairs + nothing,
+        CODE_VALUES**2 * loss / (3 * (pairs + 1)) + nothing,
     )
-    measured = frames - warmup
-    nothing = jnp.where(is_covered, 0.0, jnp.nan).astype(flicker.dtype)
-    return Result(flicker / (measured - 1) + nothing, loss / measured + nothing)
 
 
-_jitted_session = jax.jit(session, static_argnames="warmup")
+def _same_size(one: Region, other: Region) -> bool:
+    return (one.width, one.height) == (other.width, other.height)
+
+
+def differentiable_session(
+    texture: Texture,
+    camera: Camera,
+    technique: AbstractTechnique,
+    motion: Motion,
+    region: Region,
+    measured: Region,
+    *,
+    warmup: int,
+    reading: Reading,
+) -> Result:
+    """Simulate a session as `session` does: fast, yet ready for `vmap` and `grad`.
+
+    Slices must stay slices: under `jax.vmap` they would become gathers, hundreds of
+    times as slow, so a batch runs one session after the other. Derivatives are those of
+    the plain gather form, which also vectorises.
+    """
+    arguments = (texture, camera, technique, motion, region, measured)
+    if reading.sampler == "gather":
+        return session(*arguments, warmup=warmup, reading=reading)
+    plain = dataclasses.replace(reading, sampler="gather")
+    fast = jax.custom_jvp(
+        jax.custom_batching.sequential_vmap(
+            partial(session, warmup=warmup, reading=reading)
+        )
+    )
+    fast.defjvp(partial(jax.jvp, partial(session, warmup=warmup, reading=plain)))
+    return fast(*arguments)
+
+
+def fastest_reading() -> Reading:
+    """Return how sources are read fastest here: by slices on a CPU, else by gathers."""
+    return SLICES if jax.default_backend() == "cpu" else GATHER
+
+
+_jitted_session = jax.jit(differentiable_session, static_argnames=("warmup", "reading"))
 
 
 def simulate(
@@ -141,6 +247,7 @@ def simulate(
     *,
     warmup: int = 0,
     region: Region | None = None,
+    reading: Reading | None = None,
 ) -> Result:
     """Simulate one viewing session and measure its flicker and its detail loss.
 
@@ -157,6 +264,7 @@ def simulate(
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.
+    - `reading`: how pictures are read; None is the fastest exact way on this device.
 
     **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin.
 
@@ -180,11 +288,18 @@ def simulate(
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     _check_texture(texture, camera, region)
     # A texture that was baked before brings the precision of the simulation.
-    motion = jax.tree.map(lambda leaf: leaf.astype(texture.color.dtype), motion)
+    motion = jax.tree.map(lambda leaf: leaf.astype(texture.color_texels.dtype), motion)
     if not _checks.is_traced(motion.offset):
         _check_margin(texture, camera, region, motion)
     return _jitted_session(
-        texture, camera, technique.on_pictures(), motion, region, region, warmup=warmup
+        texture,
+        camera,
+        technique.on_pictures(),
+        motion,
+        region,
+        region,
+        warmup=warmup,
+        reading=fastest_reading() if reading is None else reading,
     )
 
 
@@ -211,10 +326,11 @@ def _motion(poses: Poses | Float[np.ndarray, "frames 4"], dtype: Any) -> Motion:
 def _check_texture(texture: Texture, camera: Camera, region: Region) -> None:
     k, margin = texture.oversampling, texture.margin_px
     expected = (k * (camera.height_px + 2 * margin), k * (camera.width_px + 2 * margin))
-    if texture.color.shape[:2] != expected:
+    *_, rows, columns = texture.color_texels.shape
+    if (k * rows, k * columns) != expected:
         raise ValueError(
             f"scene must be a texture baked for this camera, {expected} texels, got "
-            f"{tuple(texture.color.shape[:2])}."
+            f"{(k * rows, k * columns)}."
         )
     if not (_checks.is_traced(region.x0) or _checks.is_traced(region.y0)):
         _checks.in_range("region x0", region.x0, 0, camera.width_px - region.width)

@@ -30,6 +30,7 @@ LINES = [
     ("neighborhood", "edges"),
     ("techniques",),
     ("metrics",),
+    ("blocks",),
     ("simulation",),
     ("theory",),
     ("studies",),

@@ -46,7 +46,7 @@ def baked(rng, oversampling, margin_px, dtype=float):
     """A texture of noise."""
     height, width = (oversampling * (n + 2 * margin_px) for n in (HEIGHT, WIDTH))
     color, supersampled = rng.random((2, height, width, 3)).astype(dtype)
-    return Texture(
+    return Texture.of(
         jnp.asarray(color), jnp.asarray(supersampled), oversampling, margin_px
     )
 
@@ -144,7 +144,7 @@ def test_a_tiles_edge_is_not_the_camera_frames_edge():
 def test_history_at_rest_is_exactly_what_was_kept(rng, region, dtype):
     planes = jnp.asarray(rng.random((3, region.height, region.width)).astype(dtype))
     history = History.of(planes)
-    np.testing.assert_array_equal(history.planes, planes)
+    np.testing.assert_array_equal(history.under(region), planes)
     kept = read(history, displaced(np.zeros(3), region, dtype))
     assert kept.dtype == dtype
     np.testing.assert_array_equal(kept, planes)
@@ -168,7 +168,7 @@ def test_history_can_keep_any_channels(rng):
     for channels in (1, 4):
         history = History.of(jnp.asarray(rng.random((channels, HEIGHT, WIDTH))))
         shown = jax.eval_shape(read, history, displaced(TURN))
-        assert shown.shape == history.planes.shape == (channels, HEIGHT, WIDTH)
+        assert shown.shape == history.under(WHOLE).shape == (channels, HEIGHT, WIDTH)
 
 
 # --- texture ---
@@ -191,7 +191,7 @@ def test_texture_agrees_with_the_oracle(rng, oversampling, margin_px, region):
 
 def test_texture_reads_its_reference_too(rng):
     texture = baked(rng, 2, 2)
-    swapped = Texture(texture.supersampled, texture.color, 2, 2)
+    swapped = Texture.of(texture.supersampled, texture.color, 2, 2)
     reference = jax.jit(lambda t, d: t.at(d, supersampled=True))
     ours = reference(texture, displaced(TURN))
     np.testing.assert_array_equal(ours, read(swapped, displaced(TURN)))

@@ -86,7 +86,7 @@ def ramp():
 def noise(rng, ramp):
     """A texture of noise, of the same shape."""
     color, reference = jnp.asarray(rng.random((2, *ramp.color.shape)))
-    return Texture(color, reference, ramp.oversampling, ramp.margin_px)
+    return Texture.of(color, reference, ramp.oversampling, ramp.margin_px)
 
 
 @pytest.mark.parametrize("region", [WHOLE, TILE], ids=["whole", "tile"])

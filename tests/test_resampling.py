@@ -12,10 +12,16 @@ from scipy.ndimage import map_coordinates
 
 from hmdjit import resampling
 
+
+def reading(reader):
+    """A reader of pictures, made of one of stored texels."""
+    return lambda picture, *place: reader(resampling.texels(picture), *place)
+
+
 READERS = {
-    "nearest": (resampling.nearest, oracles.nearest),
-    "bilinear": (resampling.bilinear, oracles.bilinear),
-    "catmull_rom": (resampling.catmull_rom, oracles.catmull_rom),
+    "nearest": (reading(resampling.nearest), oracles.nearest),
+    "bilinear": (reading(resampling.bilinear), oracles.bilinear),
+    "catmull_rom": (reading(resampling.catmull_rom), oracles.catmull_rom),
 }
 HEIGHT, WIDTH = 6, 8
 each_reader = pytest.mark.parametrize("name", READERS)

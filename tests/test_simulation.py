@@ -48,7 +48,7 @@ def texture_of(rng, camera=CAMERA, margin_px=MARGIN_PX, dtype=float, blur_px=2.0
     )
     color = oracles.smooth_noise(rng, height, width, 2 * blur_px)
     reference = oracles.smooth_noise(rng, height, width, 3 * blur_px)
-    return hj.Texture(
+    return hj.Texture.of(
         jnp.asarray(color, dtype), jnp.asarray(reference, dtype), 2, margin_px
     )
 
@@ -160,7 +160,7 @@ def test_one_compilation_serves_all_numbers_of_head_movement(rng):
     def mtcd(technique):
         motion = hj.Motion.of(poses)
         return simulation.session(
-            texture, CAMERA, technique, motion, region, region, 0
+            texture, CAMERA, technique, motion, region, region, warmup=0
         ).mtcd
 
     values = [
@@ -185,7 +185,9 @@ def program(technique, texture):
 
     def run(offset, increment):
         motion = hj.Motion(offset, increment)
-        return simulation.session(texture, CAMERA, technique, motion, region, region, 0)
+        return simulation.session(
+            texture, CAMERA, technique, motion, region, region, warmup=0
+        )
 
     zeros = jnp.zeros((FRAMES, 3))
     text = jax.jit(run).lower(zeros, zeros).as_text()
@@ -199,12 +201,16 @@ def program(technique, texture):
 
 def test_a_program_holds_only_what_its_technique_needs(rng):
     texture = texture_of(rng)
-    displayed, history = (3, HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)
+    displayed, history = (3, HEIGHT, WIDTH), (1, 1, 3, HEIGHT, WIDTH)
+    sums = (2,)
     # Spatial techniques carry the displayed picture, for MTCD, and no history; how the
-    # head turned since the last frame is not even an argument.
-    assert program(NoAntialiasing(), texture) == (1, [displayed])
-    assert program(SSAA(2), texture) == (1, [displayed])
-    assert program(HeadMovement(), texture) == (2, [history, displayed])
+    # head turned since the last frame is not even an argument. What a history displays
+    # is not carried twice.
+    assert program(NoAntialiasing(), texture) == (1, [displayed, sums])
+    assert program(SSAA(2), texture) == (1, [displayed, sums])
+    assert program(HeadMovement(), texture) == (2, [history, sums])
+    linear = HeadMovement(space="linear")
+    assert program(linear, texture) == (2, [history, displayed, sums])
 
 
 def test_what_does_not_remember_does_not_run_its_warm_up(rng):
@@ -341,7 +347,7 @@ def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
     @jax.jit
     def measured(region):
         motion = hj.Motion.of(poses)
-        return simulation.session(texture, WIDE, FAR, motion, region, BLOCK, 2)
+        return simulation.session(texture, WIDE, FAR, motion, region, BLOCK, warmup=2)
 
     ours, expected = measured(tile), measured(whole)
     # Each pixel of each frame errs by less than the tolerance, all in one direction.
@@ -702,7 +708,7 @@ def strip_texture(period_px, margin_px):
     x = 0.5 + np.arange(4 * (96 + 2 * margin_px)) / 4 - margin_px
     wave = 0.5 + 0.4 * np.sin(2 * np.pi * x / period_px)
     texels = np.broadcast_to(wave[None, :, None], (4 * (1 + 2 * margin_px), len(x), 3))
-    return hj.Texture(jnp.asarray(texels), jnp.asarray(texels), 4, margin_px)
+    return hj.Texture.of(jnp.asarray(texels), jnp.asarray(texels), 4, margin_px)
 
 
 STRIP = hj.Camera(width_px=96, height_px=1, fov_deg=2.0, refresh_hz=60.0)
@@ -717,7 +723,7 @@ def strip_mtcd(technique, texture, turns, *, warmup):
 
     def one(motion):
         return simulation.session(
-            texture, STRIP, technique, motion, region, block, warmup
+            texture, STRIP, technique, motion, region, block, warmup=warmup
         ).mtcd
 
     return jax.lax.map(one, motions)

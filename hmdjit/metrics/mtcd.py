@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .. import color
 from .._types import Clip, Rgb, Scalar
 
 CODE_VALUES = 255.0  # of an 8-bit display; MTCD is on gamma colours, unquantised
@@ -17,15 +18,9 @@ def pair_distance(displayed: Rgb, previous: Rgb) -> Scalar:
 
     **Returns:** code values (0 to 255 sqrt(3)).
 
-    **Accuracy:** the gradient where two pixels are equal is chosen as exactly 0.
-
     **Source:** Kim et al., equation (6): the term of one pair of frames.
     """
-    squared = jnp.sum((displayed - previous) ** 2, axis=0)
-    is_zero = squared == 0
-    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
-    distance = jnp.sqrt(jnp.where(is_zero, 1.0, squared))
-    return CODE_VALUES * jnp.mean(jnp.where(is_zero, 0.0, distance))
+    return CODE_VALUES * jnp.mean(color.distance(displayed, previous))
 
 
 @jax.jit

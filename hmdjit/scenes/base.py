@@ -19,9 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, DTypeLike, Float, Int, Num
 
-from .. import _checks, color
+from .. import _checks, color, resampling
 from ..camera import Camera
 from ..frame import Texture
+from ..resampling import Texels
 
 Directions = Float[Array, "3 *size"]
 Colors = Float[Array, "3 *size"]
@@ -194,7 +195,7 @@ def bake(
     colors, supersampled = _paint(
         nameless, camera, oversampling, margin_px, jnp.dtype(dtype)
     )
-    return Texture(colors, supersampled, oversampling, margin_px)
+    return Texture(colors, supersampled, margin_px)
 
 
 def check_baking(camera: Camera, oversampling: int, margin_deg: float) -> int:
@@ -221,8 +222,8 @@ def _paint(
     oversampling: int,
     margin_px: int,
     dtype: jnp.dtype,
-) -> tuple[Float[Array, "h w 3"], Float[Array, "h w 3"]]:
-    """Texels `(height, width, 3)` of the colour and of the reference."""
+) -> tuple[Texels, Texels]:
+    """Texels of the colour and of the reference."""
     width = oversampling * (camera.width_px + 2 * margin_px)
     height = oversampling * (camera.height_px + 2 * margin_px)
     # The samples of all texels lie on one grid, 1/4 px apart. A texel's box is
@@ -265,5 +266,6 @@ def _paint(
 
     first_rows = jnp.arange(0, height, _STRIP_ROWS, dtype=jnp.int32)
     strips = jax.lax.map(strip, first_rows)
-    colors, means = (rows.reshape(-1, width, 3)[:height] for rows in strips)
+    pictures = (rows.reshape(-1, width, 3)[:height] for rows in strips)
+    colors, means = (resampling.texels(picture, oversampling) for picture in pictures)
     return colors, means

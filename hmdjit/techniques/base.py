@@ -64,6 +64,11 @@ class AbstractTechnique(eqx.Module):
         """Whether one read of a texture's SSAA(4) channel is all of its samples."""
         return False
 
+    @property
+    def displays_history(self) -> bool:
+        """Whether its state is one `History`, of exactly what it displays."""
+        return False
+
     @abc.abstractmethod
     def init(self, frame: Frame) -> State:
         """State before the first frame."""

@@ -1,7 +1,7 @@
 """The frozen picture: a control, not a technique."""
 
 from .._types import Rgb
-from ..frame import Frame, Motion
+from ..frame import Frame, History, Motion
 from .base import AbstractTechnique
 
 
@@ -16,13 +16,19 @@ class Freeze(AbstractTechnique):
         """`freeze`."""
         return "freeze"
 
-    def init(self, frame: Frame) -> Rgb:
+    @property
+    def displays_history(self) -> bool:
+        """It does."""
+        return True
+
+    def init(self, frame: Frame) -> History:
         """Keep the first frame."""
-        return frame.color[0]
+        return History.of(frame.color[0])
 
     def history_reach(self, speed_deg_s: object, span_px: object) -> None:
         """Each pixel keeps its own past: nothing reaches another."""
 
-    def step(self, state: Rgb, frame: Frame, motion: Motion) -> tuple[Rgb, Rgb]:
+    def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Show it again."""
-        return state, state
+        kept = state.under(frame.region)
+        return History.of(kept), kept

@@ -112,6 +112,11 @@ class HeadMovement(AbstractTechnique):
         """That of `resolve`."""
         return 0 if self.resolve is None else self.resolve.stencil_radius_px
 
+    @property
+    def displays_history(self) -> bool:
+        """In gamma it does; in linear it displays what it keeps encoded."""
+        return self.space == "gamma"
+
     def _current(self, frame: Frame) -> Rgb:
         gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]
         return color.decode(gamma) if self.space == "linear" else gamma
@@ -142,7 +147,7 @@ class HeadMovement(AbstractTechnique):
         history = blending.usable(history, current, is_blended)
 
         if self.difference == "same_pixel":
-            same_pixel = blending.usable(state.planes, current, is_blended)
+            same_pixel = blending.usable(state.under(frame.region), current, is_blended)
             difference = blending.color_difference(current, same_pixel)
         else:
             difference = blending.color_difference(
