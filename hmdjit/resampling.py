@@ -24,7 +24,7 @@ from ._types import Numbers, Picture, Planes, WholeNumber
 # Not "height width": a stored picture may differ in shape from the region read.
 Texels = Float[Array, "phases phases channels rows columns"]
 
-TAPS = ((2, 2), (2, 3), (3, 2), (3, 3), (4, 4))
+TAPS = ((2, 2), (3, 3), (4, 4))
 """Rows and columns of texels that a block's pixels may reach, one program each."""
 
 
