@@ -3,9 +3,9 @@
 To first order a technique shows the scene displaced: where the scene itself moves by
 `u_k` from frame k-1 to k, head movement shows it moved by `v_k = u_k + e_k - e_{k-1}`
 with the lag `e_k = (1 - A_k) (e_{k-1} - d u_k)`; for constant A that is the transfer
-function `(1 - d) + d A / (1 - (1 - A) z^-1)`. A pair of frames then differs by `D(v_k)`,
-the mean over pixels of what the scene differs from itself displaced by `v_k`, which is
-tabled once per scene, in each cell of the frame.
+function `(1 - d) + d A / (1 - (1 - A) z^-1)`. A pair of frames then differs by
+`D(v_k)`, the mean over pixels of what the scene differs from itself displaced by `v_k`,
+which is tabled once per scene, in each cell of the frame.
 
 Beyond first order, what is displayed is a sum of displaced pictures with the blending's
 weights, and a signed sum of weights `c_i` at positions `z_i` (together 0) is as large
@@ -274,12 +274,14 @@ def predict(
     **Errors:** `ValueError` for a technique without a theory (`has_theory`), for
     statistics of another picture than it shows, and as `simulate` for the warm-up.
 
-    **Accuracy:** with `memory=0` and statistics of one octave, simulation over theory
-    tends to 1 as the motion shrinks, on pictures that are smooth over a pixel. Left
-    out are the bilinear history's blur, the variation of the displacement over a cell,
-    the wander's change of what a cell shows, the frame's edge, and of several past
-    samples all but their mean closeness. The localised weight is a cell's, at its mean
-    difference: it takes part of the effect, which is larger where it flickers more. Differentiable; at rest the gradient is exactly 0.
+    **Accuracy:** with `memory=0`, simulation over theory tends to 1 as the motion
+    shrinks, on pictures that are smooth over a pixel. At the motion of people who hold
+    still, the default is the better one by far: see `tests/test_theory.py`. Left out
+    are the bilinear history's blur, how the displacement varies over a cell, how wander
+    changes what a cell shows, the frame's edge, and of several past samples all but
+    their mean closeness. The localised weight is a cell's, at its mean difference: that
+    takes part of the effect, which is larger where the picture flickers more.
+    Differentiable; at rest the gradient is exactly 0.
 
     **Source:** Kim et al., equations (1) to (5), to first order in the displacement.
     """
