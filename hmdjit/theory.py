@@ -358,10 +358,10 @@ def _closeness(technique: HeadMovement) -> Scalar:
 
 
 class _Blending(eqx.Module):
-    """Weight A of the current picture and lag e (px) at each frame of a session."""
+    """Weight A of the current picture and lag e, px, at a frame or along a session."""
 
-    weight: Float[Array, " frames"]
-    lag: Moves
+    weight: Float[Array, "*frames"]
+    lag: Float[Array, "*frames 2"]
 
 
 def _blending(
