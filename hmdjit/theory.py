@@ -183,8 +183,9 @@ def _tabulate(
     column = jnp.arange(width, dtype=jnp.int32)[None, :]
     row = jnp.arange(height, dtype=jnp.int32)[:, None]
     i, j = column.astype(dtype), row.astype(dtype)
-    place_x = jnp.mod(_R2[0] * i + _R2[1] * j, 1.0)  # in its texel
-    place_y = jnp.mod(_R2[1] * i - _R2[0] * j, 1.0)
+    # Places in a texel around its centre, from pixel to pixel.
+    place_x = jnp.mod(_R2[0] * i + _R2[1] * j, 1.0) - 0.5
+    place_y = jnp.mod(_R2[1] * i - _R2[0] * j, 1.0) - 0.5
 
     def read(x_px: Float[Array, ""], y_px: Float[Array, ""]) -> Array:
         left, top = scale * (column + margin_px), scale * (row + margin_px)
@@ -416,8 +417,12 @@ def _of_blends(
     after = jnp.concatenate([weight[:1], (1 - weight[0]) * share])
 
     moved = place + ((1 - closeness) * moves[k])[None]
-    across = jax.vmap(jax.vmap(squared))(moved[:, None] - place[None])
     first, second = np.triu_indices(memory + 2, 1)
-    within = jax.vmap(squared)(place[first] - place[second])
-    apart = after[first] * after[second] + before[first] * before[second]
-    return after @ across @ before - apart @ within
+    across = (moved[:, None] - place[None]).reshape(-1, 2)
+    within = place[first] - place[second]
+    weights = [
+        jnp.outer(after, before).reshape(-1),
+        -after[first] * after[second] - before[first] * before[second],
+    ]
+    differences = jax.vmap(squared)(jnp.concatenate([across, within]))
+    return jnp.concatenate(weights) @ differences
