@@ -31,6 +31,7 @@ LINES = [
     ("techniques",),
     ("metrics",),
     ("simulation",),
+    ("picture_statistics",),
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers

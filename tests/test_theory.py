@@ -11,6 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 import hmdjit as hj
 from hmdjit import simulation, theory
+from hmdjit.picture_statistics import PictureStatistics, cell_numbers
 from hmdjit.studies.measuring import Runner
 from hmdjit.studies.sessions import Sessions
 from hmdjit.studies.tiles import Tiles
@@ -80,7 +81,7 @@ def simulated(texture, technique, motion, cells=1):
 
 
 def statistics_of(texture, **options):
-    return theory.PictureStatistics.of(texture, CAMERA, cell_px=CELL, **options)
+    return PictureStatistics.of(texture, CAMERA, cell_px=CELL, **options)
 
 
 def predicted(statistics, technique, motion, warmup=WARMUP, **options):
@@ -108,7 +109,7 @@ def test_a_ramp_differs_by_its_gradient_times_the_displacement(rng):
 def test_differences_agree_with_another_read_of_the_picture(rng):
     texture = noise(rng, 2.0)
     cell_px, picture = SIZE // 2, np.asarray(texture.color)
-    statistics = theory.PictureStatistics.of(texture, CAMERA, cell_px=cell_px)
+    statistics = PictureStatistics.of(texture, CAMERA, cell_px=cell_px)
     # Everywhere in the upper right cell, at quarters of texels.
     texels = 2 * cell_px
     row, column = np.mgrid[: 4 * texels, : 4 * texels] / 4 + 2 * MARGIN_PX
@@ -212,11 +213,18 @@ def test_weights_that_follow_head_speed(rng):
         assert mtcd > 1.05 * slow
 
 
-@pytest.mark.parametrize(("blur_px", "left"), [(None, 0.05), (4.0, 0.6)])
-def test_localised_weights_to_first_order(rng, blur_px, left):
+@pytest.mark.parametrize(
+    ("blur_px", "left", "difference"),
+    [
+        (None, 0.05, "euclidean"),
+        (4.0, 0.6, "euclidean"),
+        pytest.param(None, 0.05, "same_pixel", marks=pytest.mark.slow),
+    ],
+)
+def test_localised_weights_to_first_order(rng, blur_px, left, difference):
     # Where gradients differ over a cell, the mean weight takes a part of the effect.
     texture, turns = noise(rng, blur_px) if blur_px else COLORED, turns_of(rng)
-    statistics, local = statistics_of(texture), Plain(w_lb=0.0)
+    statistics, local = statistics_of(texture), Plain(w_lb=0.0, difference=difference)
     slopes = []
     for amplitude_px in (0.3, 0.03):
         motion = motion_of(amplitude_px * turns)
@@ -258,10 +266,10 @@ def test_pictures_are_predicted_from_their_statistics(rng):
 @pytest.mark.parametrize("fov_deg", [4.0, 96.0])
 def test_one_axis_in_a_cell_off_the_centre(axis, fov_deg):
     camera = hj.Camera(SIZE, SIZE, fov_deg)
-    statistics = theory.PictureStatistics.of(GREY, camera, cell_px=CELL)
+    statistics = PictureStatistics.of(GREY, camera, cell_px=CELL)
     turn = 1e-7 * np.eye(3)[axis]
     motion = hj.Motion(jnp.zeros((2, 3)), jnp.asarray(np.stack([0 * turn, turn])))
-    cells = theory.cell_numbers(camera, CELL, jnp.asarray([[48, 8], [0, 63]]))
+    cells = cell_numbers(camera, CELL, jnp.asarray([[48, 8], [0, 63]]))
     assert cells.tolist() == [8 + 6, 56]
     ours = theory.predict(statistics, camera, NoAntialiasing(), motion, cells=cells)
     for mtcd, (x, y) in zip(ours, [(52.0, 12.0), (4.0, 60.0)], strict=True):
@@ -436,7 +444,7 @@ def test_wrong_arguments_are_named():
     with pytest.raises(ValueError, match="memory must be a whole number >= 0"):
         predicted(grey, NoAntialiasing(), still, memory=-1)
     with pytest.raises(ValueError, match="cell_px must divide the camera frame 64 x"):
-        theory.PictureStatistics.of(GREY, CAMERA, cell_px=7)
+        PictureStatistics.of(GREY, CAMERA, cell_px=7)
     with pytest.raises(ValueError, match="octaves must be a whole number >= 1"):
         statistics_of(GREY, octaves=0)
     with pytest.raises(ValueError, match=r"finest_px must lie in \(0, inf\), got 0"):
@@ -454,7 +462,7 @@ def test_how_well_sessions_are_predicted_and_how_fast():
     batch = sessions.batch(0, count)
     techniques = (NoAntialiasing(), HeadMovement())
     runner = Runner(camera, Tiles(1, 64), techniques, warmup, count, batch)
-    cells = jax.vmap(lambda o: theory.cell_numbers(camera, 64, o))(batch.origins)
+    cells = jax.vmap(lambda o: cell_numbers(camera, 64, o))(batch.origins)
     at_least = {"none": 0.99, "head_movement": 0.98}
 
     @functools.partial(jax.jit, static_argnames="memory")
@@ -480,7 +488,7 @@ def test_how_well_sessions_are_predicted_and_how_fast():
     for name in ("coffee", "text", "noise"):
         texture = hj.scenes.bake(scenes[name], camera)
         start = time.perf_counter()
-        statistics = theory.PictureStatistics.of(texture, camera)
+        statistics = PictureStatistics.of(texture, camera)
         jax.block_until_ready(statistics.slope_squared)
         print(f"\n{name}: tabled in {time.perf_counter() - start:.1f} s")
         for technique in techniques:
