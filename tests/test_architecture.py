@@ -32,6 +32,7 @@ LINES = [
     ("metrics",),
     ("blocks",),
     ("simulation",),
+    ("picture_statistics",),
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers
