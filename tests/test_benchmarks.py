@@ -90,8 +90,9 @@ def test_tables_are_aligned():
 def test_a_rival_runs_in_its_own_process(tmp_path, tiny):
     tiny.save(tmp_path / "task.npz")
     rival = serving.Rival("opencv_numpy.py", 1)
-    assert rival.ask(f"prepare {tmp_path / 'task.npz'}") > 0
-    assert rival.ask("time") > 0
+    rival.ask(f"prepare {tmp_path / 'task.npz'}")
+    seconds, processor_s = rival.ask("time")
+    assert min(seconds, processor_s) > 0
     exact = task.oracle(tiny, 2, masked=False)
     np.testing.assert_allclose(rival.ask("values"), exact, atol=1e-3)
     rival.end()
@@ -107,3 +108,4 @@ def test_results_say_where_they_come_from():
     described = json.loads(json.dumps(machine.description()))
     assert described["versions"]["jax"] == jax.__version__
     assert described["cores"] >= 1
+    assert machine.peak_mib() > 50  # Python with JAX

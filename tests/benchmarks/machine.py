@@ -4,6 +4,8 @@ import datetime
 import importlib.metadata
 import os
 import platform
+import resource
+import sys
 from pathlib import Path
 
 PACKAGES = (
@@ -55,3 +57,15 @@ def description() -> dict[str, object]:
         "dtype": "float32",
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
+
+
+def peak_mib() -> float:
+    """Largest resident memory of this process so far.
+
+    Linux counts the parent's memory at the start in `getrusage`, in VmHWM it does not.
+    """
+    high_water = _line("/proc/self/status", "VmHWM")
+    if high_water is not None:
+        return int(high_water.split()[0]) / 2**10
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

@@ -9,7 +9,8 @@ with little work: its numbers mean nothing.
 
 Each rival is a process of its own, held to one core and then to two. Their runs are
 interleaved, and each is checked against a float64 oracle. Unit: ns per pixel and frame
-of the whole pipeline: rendering, reprojection, blending and MTCD.
+of the whole pipeline: rendering, reprojection, blending and MTCD. Where one that could
+use its cores got less of them, something else was running.
 """
 
 import argparse
@@ -59,10 +60,13 @@ def compare(size: task.Size, cores: int, rounds: int) -> list[dict[str, Any]]:
         given.save(path)
         prepared = {name: r.ask(f"prepare {path}") for name, r in rivals.items()}
     seconds: dict[str, list[float]] = {name: [] for name in rivals}
+    cores_used: dict[str, list[float]] = {name: [] for name in rivals}
     for _ in range(rounds):
         for name, rival in rivals.items():
             time.sleep(PAUSE_S)
-            seconds[name].append(rival.ask("time"))
+            wall_s, processor_s = rival.ask("time")
+            seconds[name].append(wall_s)
+            cores_used[name].append(processor_s / wall_s)
     measured = {name: rival.ask("values") for name, rival in rivals.items()}
     for rival in rivals.values():
         rival.end()
@@ -85,7 +89,8 @@ def compare(size: task.Size, cores: int, rounds: int) -> list[dict[str, Any]]:
                 **middle._asdict(),
                 "ns_per_pixel_frame": nanoseconds(middle.median, given.pixel_frames),
                 "times_as_fast": times_as_fast(taken, seconds[BASELINE])._asdict(),
-                "prepare_s": prepared[name],
+                "cores_used": spread(cores_used[name]).median,
+                "prepare_s": prepared[name][0],
                 "mtcd": float(expected.mean()),
                 "largest_error": float(error),
                 "is_flagged": bool(
@@ -105,7 +110,7 @@ def rival_table(entries: list[dict[str, Any]]) -> str:
         rows.append(
             (
                 entry["name"],
-                f"{entry['cores']}",
+                f"{entry['cores_used']:.2f} of {entry['cores']}",
                 f"{entry['side']} x {entry['sessions']}",
                 f"{entry['ns_per_pixel_frame']:.2f}",
                 f"{scale * entry['low']:.2f}-{scale * entry['high']:.2f}",
@@ -141,6 +146,7 @@ def grow(kind: str, *, quick: bool) -> dict[str, Any]:
     if len(points) > 1:
         work, medians = ([p[key] for p in points] for key in ("work", "median"))
         series["slope"] = slope(work, medians)
+        series["slope_of_the_last_three"] = slope(work[-3:], medians[-3:])
     return series
 
 
@@ -152,15 +158,18 @@ def growth_table(series: dict[str, Any]) -> str:
             f"{point['median']:.4g}",
             f"{point['work'] / point['median']:.4g}",
             f"{point['compile_s']:.1f}",
+            f"{point['peak_mib_at_start']:.0f}",
             f"{point['peak_mib']:.0f}",
         )
         for point in series["points"]
     ]
     kind = series["kind"]
     unit = "scene-technique-sessions" if kind == "study" else kind
-    text = table((unit, "run s", "per s", "compile s", "peak MiB"), rows)
+    text = table((unit, "run s", "per s", "compile s", "MiB at start", "peak"), rows)
     if "slope" in series:
+        last = series["slope_of_the_last_three"]
         text += f"\ntime grows as {unit}^{series['slope']:.2f}"
+        text += f", over the last three points ^{last:.2f}"
     return text
 
 

@@ -7,13 +7,12 @@ its scenes.
 """
 
 import json
-import resource
 import sys
 import time
 
 import ours
 import task
-from machine import cpus
+from machine import cpus, peak_mib
 
 from hmdjit.studies import definition
 
@@ -72,12 +71,6 @@ def measure(kind: str, value: int, runs: int) -> tuple[int, Timing]:
     options = definition.Options(scenes=SCENES, sessions=value)
     rows = len(SCENES) * len(definition.TECHNIQUES)
     return value * rows, _study(options, runs)
-
-
-def peak_mib() -> float:
-    """Largest resident memory of this process so far."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Both ends of a rival: each runs in its own process, and times itself when told to.
 
 One JSON line per answer. `prepare FILE` loads a task, compiles and runs it once, `time`
-runs it again and answers seconds, `values` answers the last run's MTCD per session.
+runs it again; both answer seconds and processor seconds. `values` answers the last
+run's MTCD per session.
 """
 
 import contextlib
@@ -34,13 +35,13 @@ def serve(build: Callable[[Task], Run]) -> None:
     mtcd = np.zeros(0)
     for line in sys.stdin:
         word, _, argument = line.strip().partition(" ")
-        start = time.perf_counter()
+        begun, processor = time.perf_counter(), time.process_time()
         if word == "prepare":
             run = build(Task.load(Path(argument)))
         if word != "values":
             assert run is not None, "prepare comes first"
             mtcd = run()
-        seconds = time.perf_counter() - start
+        seconds = [time.perf_counter() - begun, time.process_time() - processor]
         values = np.asarray(mtcd, float).tolist()
         print(json.dumps(values if word == "values" else seconds), flush=True)
 
