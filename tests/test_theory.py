@@ -38,7 +38,7 @@ VARIANTS = {
 def texture_of(color, reference=None):
     color = jnp.asarray(color)
     reference = color if reference is None else jnp.asarray(reference)
-    return hj.Texture(color, reference, 2, MARGIN_PX)
+    return hj.Texture.of(color, reference, 2, MARGIN_PX)
 
 
 def ramp(gradient):
