@@ -74,7 +74,7 @@ class PictureStatistics(eqx.Module):
         - `finest_px`, `octaves`: the tabled lengths, px; up to 8 px by default, which a
           head of the fastest blended speed (25 deg/s) moves a picture at 60 Hz.
         - `supersampled`: measure the SSAA(4) reference, which SSAA(4) shows.
-        - `every_px`: measure every so many columns and rows only; divides `cell_px`.
+        - `every_px`: measure one pixel of every so many squared; divides `cell_px`.
 
         **Errors:** `ValueError` for cells that do not divide the frame, and for lengths
         or numbers of octaves that are not positive.
@@ -169,13 +169,20 @@ def _tabulate(
 ) -> Float[Array, "cells octaves harmonics"]:
     margin_px, scale, cell_px, octaves, every_px = layout
     width, height, dtype = camera.width_px, camera.height_px, texels.dtype
-    first = every_px // 2
-    column = jnp.arange(first, width, every_px, dtype=jnp.int32)[None, :]
-    row = jnp.arange(first, height, every_px, dtype=jnp.int32)[:, None]
-    i, j = column.astype(dtype), row.astype(dtype)
-    # Places in a texel around its centre, from pixel to pixel.
-    place_x = jnp.mod(_R2[0] * i + _R2[1] * j, 1.0) - 0.5
-    place_y = jnp.mod(_R2[1] * i - _R2[0] * j, 1.0) - 0.5
+    i = jnp.arange(width // every_px, dtype=jnp.int32)[None, :]
+    j = jnp.arange(height // every_px, dtype=jnp.int32)[:, None]
+
+    def spread(a: float, b: float) -> Float[Array, "rows columns"]:
+        return jnp.mod(a * i.astype(dtype) + b * j.astype(dtype), 1.0)
+
+    # One pixel of each square, and its place in a texel, different ones from square to
+    # square: a regular choice would meet a regular picture always in the same phase.
+    within_x = spread(_R2[1], _R2[0]) * every_px
+    within_y = spread(-_R2[0], _R2[1] ** 2) * every_px
+    column = every_px * i + within_x.astype(jnp.int32)
+    row = every_px * j + within_y.astype(jnp.int32)
+    place_x = spread(_R2[0], _R2[1]) - 0.5
+    place_y = spread(_R2[1], -_R2[0]) - 0.5
 
     def read(x_px: Float[Array, ""], y_px: Float[Array, ""]) -> Array:
         left, top = scale * (column + margin_px), scale * (row + margin_px)

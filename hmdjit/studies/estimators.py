@@ -37,6 +37,8 @@ FLOOR_MTCD = 0.005
 """Code values; no tolerance is below it, so that a uniform picture terminates."""
 
 Sessions = Float[np.ndarray, " session"]
+Paths = Float[np.ndarray, " path"]
+Influences = Float[np.ndarray, "..."]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Estimate:
     """
 
     value: float
-    influences: tuple[Sessions, ...]
+    influences: tuple[Influences, ...]
 
     @property
     def standard_error(self) -> float:
@@ -72,7 +74,7 @@ def mean_of(values: Sessions, scale: float = 1.0) -> Estimate:
 
 
 def control_variate(
-    simulated: Sessions, predicted: Sessions, paths: Sessions, slope: float
+    simulated: Sessions, predicted: Sessions, paths: Paths, slope: float
 ) -> Estimate:
     """Mean of what is simulated, with a prediction of it as the control variate.
 
@@ -82,9 +84,10 @@ def control_variate(
     - `paths`: predictions for other, independent paths.
     - `slope`: b, from a pilot; 0 leaves the plain mean over `simulated`.
     """
-    here = mean_of(simulated - slope * predicted)
     if slope == 0 or len(paths) == 0:
-        return Estimate(here.value, (*here.influences, np.zeros(0)))
+        plain = mean_of(simulated)
+        return Estimate(plain.value, (*plain.influences, np.zeros(0)))
+    here = mean_of(simulated - slope * predicted)
     there = mean_of(paths, slope)
     return Estimate(here.value + there.value, (*here.influences, *there.influences))
 
@@ -144,23 +147,22 @@ def sessions_needed(
 ) -> tuple[int, int]:
     """Sessions to simulate and paths to predict for the least work.
 
-    For one number, `v / n + w / m <= e^2` at least cost `c n + d m` has
-    `m / n = sqrt(w c / (v d))`. Several numbers share the ratio of the hardest.
+    With r paths for each session a number needs `n = (v + w / r) / e^2` sessions; the r
+    that is cheapest for the hardest of all numbers is searched for.
 
     **Arguments:** seconds per session and per path; path variances of 0 need none.
 
-    **Returns:** `(n, m)`.
+    **Returns:** `(n, m)`, sessions and paths.
     """
-    best = (0.0, 0.0)
-    for need in needs:
-        v, w, target = need.session_variance, need.path_variance, need.error**2
-        share = math.sqrt(w * session_seconds / max(v * path_seconds, 1e-300))
-        paths_per_session = min(max(share, 0.0), 1e4) if w else 0.0
-        spread = v + (w / paths_per_session if paths_per_session else 0.0)
-        count = spread / target
-        candidate = (count, count * paths_per_session)
-        best = (max(best[0], candidate[0]), max(best[1], candidate[1]))
-    return math.ceil(best[0]), math.ceil(best[1])
+    session = np.array([need.session_variance / need.error**2 for need in needs])
+    path = np.array([need.path_variance / need.error**2 for need in needs])
+    if not path.any():
+        return math.ceil(session.max()), 0
+    per_session = np.geomspace(1e-2, 1e4, 241)
+    count = np.max(session + path / per_session[:, None], axis=1)
+    seconds = count * (session_seconds + per_session * path_seconds)
+    best = int(np.argmin(seconds))
+    return math.ceil(count[best]), math.ceil(count[best] * per_session[best])
 
 
 def tiles_per_session(

@@ -146,7 +146,7 @@ def _until_rows(
     predicted = dataset["predicted"].transpose(*order).values.astype(float)
     paths = dataset["predicted_elsewhere"].transpose(*order).values.astype(float)
     slope = dataset["slope"].transpose("technique", "scene").values.astype(float)
-    looks = dataset["look"].values.astype(int)
+    looks = [int(look) for look in dataset["look"].values]
     seconds = dataset["seconds"].values.astype(float)
     is_timed = "budget_s" in dataset.attrs
     z = [Z95 if is_timed else level_of_look(look) for look in looks]

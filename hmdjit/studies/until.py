@@ -12,6 +12,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,7 +43,7 @@ CHUNK = 64
 """Sessions per dispatch and file: few enough to stop soon, enough to be worth it."""
 
 PILOT_SESSIONS = 2 * CHUNK
-PATH_CHUNK, PATH_TILES = 2048, 4
+PATH_CHUNK, PATH_TILES = 2048, 2
 LEAST_SESSIONS = 2 * CHUNK
 """From here on means of what the control leaves over are as good as normal."""
 
@@ -142,6 +143,9 @@ class Until:
         self._goal, self._runs, self._baseline = goal, runs, baseline
         self._sessions, self._paths, self._controls = sessions, paths, controls
         self._simulate, self._tell = simulate, tell
+        # Scenes share their sessions: each is drawn once.
+        self._drawn: dict[tuple[int, int], Batch] = {}
+        self._is_compiled = False
         # Which control predicts a run; a frozen picture needs none.
         self._control = [
             None
@@ -189,6 +193,11 @@ class Until:
                 break
         spent = time.perf_counter() - begun
         return cell, dataclasses.replace(plan, looks=look, spent_s=spent)
+
+    def _batch(self, sessions: Sessions, start: int, size: int) -> Batch:
+        if (start, size) not in self._drawn:
+            self._drawn[start, size] = sessions.batch(start, size)
+        return self._drawn[start, size]
 
     def estimates(self, cell: Cell) -> list[tuple[Estimate, float]]:
         """Means and ratios of a scene, each with the smallest error asked of it."""
@@ -278,9 +287,14 @@ class _Measure:
         return np.stack([none if c is None else found[c] for c in owner._control])
 
     def _simulated(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-        results = []
-        for run in self._owner._runs:
-            results.append(self._owner._simulate(self._name, run, self._texture, batch))
+        one = lambda run: self._owner._simulate(self._name, run, self._texture, batch)
+        if self._owner._is_compiled:
+            results = [one(run) for run in self._owner._runs]
+        else:
+            # Programs compile side by side, one per technique.
+            with ThreadPoolExecutor(len(self._owner._runs)) as pool:
+                results = list(pool.map(one, self._owner._runs))
+            self._owner._is_compiled = True
         mtcd = np.stack([np.asarray(r.mtcd, float) for r in results])
         return mtcd, np.stack([np.asarray(r.detail_loss, float) for r in results])
 
@@ -288,7 +302,7 @@ class _Measure:
         """MTCD, simulated and predicted, `(runs, sessions)`; seconds per session."""
         found, seconds = [], 0.0
         for start in range(PILOT_START, PILOT_START + PILOT_SESSIONS, CHUNK):
-            batch = self._owner._sessions.batch(start, CHUNK)
+            batch = self._owner._batch(self._owner._sessions, start, CHUNK)
             self._predicted(batch)  # compiled, before the clock starts
             begun = time.perf_counter()
             found.append((self._simulated(batch)[0], self._predicted(batch)))
@@ -308,7 +322,7 @@ class _Measure:
         found, seconds = np.zeros(0), 0.0
         for start in (PILOT_START, PILOT_START + PATH_CHUNK):
             begun = time.perf_counter()
-            found = self._predicted(owner._paths.batch(start, PATH_CHUNK))
+            found = self._predicted(owner._batch(owner._paths, start, PATH_CHUNK))
             seconds = (time.perf_counter() - begun) / PATH_CHUNK
         return found, seconds
 
@@ -318,7 +332,7 @@ class _Measure:
         while cell.simulated.shape[1] < count and time.perf_counter() < until:
             start = cell.simulated.shape[1]
             owner._tell(start, count, self._name, "")
-            batch = owner._sessions.batch(start, CHUNK)
+            batch = owner._batch(owner._sessions, start, CHUNK)
             mtcd, loss = self._simulated(batch)
             cell.simulated = np.concatenate([cell.simulated, mtcd], axis=1)
             cell.detail_loss = np.concatenate([cell.detail_loss, loss], axis=1)
@@ -332,7 +346,7 @@ class _Measure:
         owner = self._owner
         while owner._paths is not None and cell.paths.shape[1] < count:
             start = PATHS_START + cell.paths.shape[1]
-            found = self._predicted(owner._paths.batch(start, PATH_CHUNK))
+            found = self._predicted(owner._batch(owner._paths, start, PATH_CHUNK))
             cell.paths = np.concatenate([cell.paths, found], axis=1)
 
 
