@@ -132,7 +132,9 @@ class Displacement(eqx.Module):
 
         return px
 
-    def _at_centre(self) -> tuple[Float[Array, "2"], ...]:
+    def _at_centre(
+        self,
+    ) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2 2"]]:
         """Middle of the region's samples, its displacement, and the slope there."""
         region, dtype = self.region, self.rotation.dtype
         x = jnp.asarray(region.x0, dtype) + region.width / 2
