@@ -65,8 +65,9 @@ class Reading(eqx.Module):
     - `texture_filter`: `"nearest"`, `"bilinear"` or `"catmull_rom"` between texels.
     - `history_filter`: the same between displayed pixels. Not an approximation but a
       part of the modelled device: a sharper one changes MTCD by several percent.
-    - `warp`: how a rotation moves the pixels of a region. `"homography"` is exact,
-      `"affine"` linear about the region's centre, `"shift"` moves all like the centre.
+    - `warp`: how a rotation moves the pixels of a region, or of the blocks that a large
+      one is cut into. `"homography"` is exact, `"affine"` linear about the centre,
+      `"shift"` moves all like the centre.
     """
 
     sampler: str = eqx.field(static=True, default="gather")
@@ -117,40 +118,61 @@ class Displacement(eqx.Module):
 
     def field(self) -> Callable[[], tuple[Plane, Plane]]:
         """Return `px` as a function, its scalars computed already."""
-        moved = pinhole.displacing(self.camera, self.rotation)
+        if self.reading.warp == "homography":
+            moved = pinhole.displacing(self.camera, self.rotation)
+        else:
+            moved = self._linear()
         x, y = self._positions()
-        if self.reading.warp != "homography":
-            moved = self._linear(moved, x, y)
 
         def px() -> tuple[Plane, Plane]:
-            dx, dy, _ = moved(x, y)
+            dx, dy, *_ = moved(x, y)
             if self.sample_px is not None:
                 return dx + self.sample_px[0], dy + self.sample_px[1]
             return dx, dy
 
         return px
 
-    def _linear(self, moved: Callable, x: Numbers, y: Numbers) -> Callable:
-        """Displacement about the region's centre, to order 1 or to order 0."""
-        from_left = self.region.width / 2 - 0.5
-        from_top = self.region.height / 2 - 0.5
-        centre = jnp.stack([x[0, 0] + from_left, y[0, 0] + from_top])
-        at_centre = lambda place: jnp.stack(moved(*place)[:2])
-        offset = at_centre(centre)
-        if self.reading.warp == "shift":
-            shape = (self.region.height, self.region.width)
-            return lambda x, y: (*(jnp.full(shape, m) for m in offset), None)
-        slope = jax.jacfwd(at_centre)(centre)
+    def _at_centre(
+        self,
+    ) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2 2"]]:
+        """Middle of the region's samples, its displacement, and the slope there."""
+        region, dtype = self.region, self.rotation.dtype
+        x = jnp.asarray(region.x0, dtype) + region.width / 2
+        centre = jnp.stack([x, jnp.asarray(region.y0, dtype) + region.height / 2])
+        if self.sample_px is not None:
+            centre = centre + self.sample_px
+        moved = pinhole.displacing(self.camera, self.rotation)
+        at = lambda place: jnp.stack(moved(*place)[:2])
+        return centre, at(centre), jax.jacfwd(at)(centre)
 
-        def affine(x: Numbers, y: Numbers) -> tuple[Plane, Plane, None]:
+    def _linear(self) -> Callable[[Numbers, Numbers], tuple[Plane, Plane]]:
+        """Displacement about the region's centre, to order 1 or to order 0."""
+        centre, offset, slope = self._at_centre()
+        shape = (self.region.height, self.region.width)
+
+        def shift(x: Numbers, y: Numbers) -> tuple[Plane, Plane]:
+            return jnp.full(shape, offset[0]), jnp.full(shape, offset[1])
+
+        def affine(x: Numbers, y: Numbers) -> tuple[Plane, Plane]:
             x, y = x - centre[0], y - centre[1]
             dx = offset[0] + slope[0, 0] * x + slope[0, 1] * y
-            return dx, offset[1] + slope[1, 0] * x + slope[1, 1] * y, None
+            return dx, offset[1] + slope[1, 0] * x + slope[1, 1] * y
 
-        return affine
+        return shift if self.reading.warp == "shift" else affine
 
     def span(self) -> Float[Array, "2 2"]:
         """Smallest and largest `(dx, dy)` over the region, px; never too narrow."""
+        if self.reading.warp == "homography":
+            return self._exact_span()
+        _, offset, slope = self._at_centre()
+        half = jnp.array([self.region.width / 2, self.region.height / 2], slope.dtype)
+        extent = jnp.abs(slope) @ half if self.reading.warp == "affine" else 0 * half
+        extent = extent + 8 * jnp.finfo(slope.dtype).eps * (jnp.abs(offset) + extent)
+        span = jnp.stack([offset - extent, offset + extent])
+        return span if self.sample_px is None else span + self.sample_px[None]
+
+    def _exact_span(self) -> Float[Array, "2 2"]:
+        """What `span` is without approximation."""
         region = self.region
         if self.sample_px is None:
             return pinhole.displacement_range(self.camera, region, self.rotation)
@@ -161,12 +183,11 @@ class Displacement(eqx.Module):
         span = pinhole.displacement_range(self.camera, wider, self.rotation)
         return span + self.sample_px[None]
 
-    def bounds(self) -> Float[Array, "2"]:
-        """Largest |dx| and |dy| over the region, px; never too small."""
-        return jnp.max(jnp.abs(self.span()), axis=0)
-
     def inside(self) -> Mask:
-        """Whether the source lies in the camera frame and in front of the camera."""
+        """Whether the source lies in the camera frame and in front of the camera.
+
+        Exact, whatever the reading.
+        """
 
         def each() -> Mask:
             x, y = self._positions()
@@ -178,7 +199,7 @@ class Displacement(eqx.Module):
         if self.reading.sampler != "slices":
             return each()
         # Away from the frame's edges a block is inside as a whole.
-        region, (low, high) = self.region, self.span()
+        region, (low, high) = self.region, self._exact_span()
         first = jnp.stack([jnp.asarray(i, low.dtype) for i in (region.x0, region.y0)])
         size = jnp.array([region.width, region.height], low.dtype)
         end = jnp.array([self.camera.width_px, self.camera.height_px], low.dtype)

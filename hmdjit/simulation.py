@@ -101,7 +101,9 @@ def session(
         return technique.init(frame_at(part, motion.offset[first], first))
 
     state = jax.eval_shape(init, region)
-    is_cut = reading.sampler == "slices" and blocks.is_cuttable(state)
+    # A stencil would find no neighbours at a block's edge.
+    is_local = technique.stencil_radius_px == 0 and blocks.is_cuttable(state)
+    is_cut = reading.sampler == "slices" and is_local
     grid = blocks.cut(region) if is_cut else blocks.uncut(region)
     is_whole = grid.count == 1
     # Of a region in one piece only the measured part is kept of what is shown.

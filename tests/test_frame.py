@@ -1,3 +1,5 @@
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,18 @@ from strategies import rotation_vectors
 
 from hmdjit import frame as frames
 from hmdjit.camera import Camera, Region
-from hmdjit.frame import Displacement, Frame, History, Motion, Texture
+from hmdjit.frame import (
+    FILTERS,
+    GATHER,
+    SLICES,
+    WARPS,
+    Displacement,
+    Frame,
+    History,
+    Motion,
+    Reading,
+    Texture,
+)
 
 WIDTH, HEIGHT, FOV_DEG = 10, 8, 90.0
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)
@@ -19,15 +32,19 @@ WHOLE = Region.whole(CAMERA)
 TILE = Region(5, 2, 4, 3)
 TURN = np.array([0.05, -0.08, 0.11])  # moves pixels by up to 1.5 px
 
-read = jax.jit(lambda source, displacement: source.at(displacement))
-bounds = jax.jit(lambda displacement: displacement.bounds())
-px = jax.jit(lambda displacement: displacement.px())
-inside = jax.jit(lambda displacement: displacement.inside())
+# Optimising a program takes longer than all the rest of a test.
+quickly = functools.partial(
+    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
+)
+read = quickly(lambda source, displacement: source.at(displacement))
+span = quickly(lambda displacement: displacement.span())
+px = quickly(lambda displacement: displacement.px())
+inside = quickly(lambda displacement: displacement.inside())
 
 
-def displaced(rotation, region=WHOLE, dtype=float, sample_px=None):
+def displaced(rotation, region=WHOLE, dtype=float, sample_px=None, reading=GATHER):
     sample = None if sample_px is None else jnp.asarray(sample_px, dtype)
-    return Displacement(CAMERA, region, jnp.asarray(rotation, dtype), sample)
+    return Displacement(CAMERA, region, jnp.asarray(rotation, dtype), sample, reading)
 
 
 def oracle_positions(rotation, region=WHOLE, sample_px=(0, 0)):
@@ -102,12 +119,40 @@ def test_displacement_of_a_sample_is_told_from_the_pixel_centre():
 @given(
     rotation_vectors(largest_rad=0.6),
     st.one_of(st.none(), st.tuples(*[st.floats(-1.5, 1.5)] * 2)),
-    st.sampled_from([WHOLE, TILE]),
+    st.sampled_from([TILE, Region(0, 0, TILE.width, TILE.height)]),
+    st.sampled_from(WARPS),
 )
-def test_bounds_are_never_too_small(rotation, sample_px, region):
-    displacement = displaced(rotation, region, sample_px=sample_px)
-    largest = [jnp.abs(plane).max() for plane in px(displacement)]
-    assert (bounds(displacement) >= jnp.stack(largest)).all()
+def test_a_span_is_never_too_narrow(rotation, sample_px, region, warp):
+    reading = Reading(warp=warp)
+    displacement = displaced(rotation, region, float, sample_px, reading)
+    planes = jnp.stack(px(displacement))
+    low, high = span(displacement)
+    assert (low <= planes.min(axis=(1, 2))).all()
+    assert (high >= planes.max(axis=(1, 2))).all()
+
+
+@pytest.mark.parametrize(
+    ("warp", "order"), [("homography", np.inf), ("affine", 2), ("shift", 1)]
+)
+def test_warps_agree_to_their_order_in_a_regions_size(warp, order):
+    camera = Camera(width_px=1024, height_px=1024, fov_deg=96.0)
+
+    def error(side):
+        region = Region(900, 700, side, side)  # off the camera's axis
+        at = [
+            Displacement(camera, region, jnp.asarray(TURN), jnp.array([0.2, -0.4]), r)
+            for r in (Reading(warp=warp), GATHER)
+        ]
+        ours, exact = (jnp.stack(px(displacement)) for displacement in at)
+        return float(jnp.abs(ours - exact).max())
+
+    small, large = error(17), error(33)
+    if order == np.inf:
+        assert small == large == 0
+    else:
+        # Pixel centres reach 8 and 16 px far; the next order adds some percent.
+        assert large > 0.01
+        np.testing.assert_allclose(large / small, 2**order, rtol=0.1)
 
 
 @given(rotation_vectors(), st.booleans())
@@ -192,7 +237,7 @@ def test_texture_agrees_with_the_oracle(rng, oversampling, margin_px, region):
 def test_texture_reads_its_reference_too(rng):
     texture = baked(rng, 2, 2)
     swapped = Texture.of(texture.supersampled, texture.color, 2, 2)
-    reference = jax.jit(lambda t, d: t.at(d, supersampled=True))
+    reference = quickly(lambda t, d: t.at(d, supersampled=True))
     ours = reference(texture, displaced(TURN))
     np.testing.assert_array_equal(ours, read(swapped, displaced(TURN)))
 
@@ -312,3 +357,98 @@ def test_a_frame_says_where_its_pixels_sources_lie():
     assert frame.static_mask is None
     ours = px(frame.displacement(jnp.asarray(TURN)))
     np.testing.assert_array_equal(ours, px(displaced(TURN, TILE)))
+
+
+# --- readings ---
+
+TURNS = [
+    np.zeros(3),
+    1e-3 * TURN,
+    0.3 * TURN,
+    TURN,
+    np.array([0.0, 0.5, 0.0]),  # beyond a rim and a margin
+    np.array([0.3, -1.5, 0.4]),  # partly behind the camera
+    np.array([0.0, 3.0, 0.0]),
+    np.array([0.0, np.nan, 0.0]),
+]
+
+
+def kept(rng, rim_px):
+    planes = jnp.asarray(rng.random((3, HEIGHT, WIDTH)))
+    return History.of(planes).with_rim(WHOLE, rim_px)
+
+
+slow = functools.partial(pytest.param, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    ("warp", "region"),
+    [
+        ("homography", WHOLE),
+        slow("homography", TILE),
+        slow("affine", WHOLE),
+        ("affine", TILE),
+        slow("shift", TILE),
+    ],
+    ids=lambda value: value if isinstance(value, str) else f"{value.width} px",
+)
+def test_sources_read_by_slices_are_those_read_by_gathers(rng, warp, region):
+    for source in (kept(rng, 4), baked(rng, 2, 5)):
+        for turn in TURNS:
+            ours, expected = (
+                read(source, displaced(turn, region, reading=Reading(s, warp=warp)))
+                for s in ("slices", "gather")
+            )
+            # 40 texels, a few roundings, slopes of at most 2.
+            np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("sample_px", [None, (-1.5, 1.5)])
+def test_inside_by_slices_is_inside_by_gathers(sample_px):
+    for region in (WHOLE, TILE):
+        for turn in TURNS:
+            ours, expected = (
+                inside(displaced(turn, region, float, sample_px, reading))
+                for reading in (SLICES, GATHER)
+            )
+            np.testing.assert_array_equal(ours, expected)
+
+
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_sources_are_read_through_their_own_filter(rng, filter_):
+    history, texture = kept(rng, 4), baked(rng, 2, 3)
+    oracle, places = getattr(oracles, filter_), oracle_positions(TURN)
+    of_history = Reading("slices", history_filter=filter_)
+    picture = np.moveaxis(np.asarray(history.under(WHOLE)), 0, -1)
+    ours = read(history, displaced(TURN, reading=of_history))
+    expected = oracles.sample_all(oracle, picture, places)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13)
+    of_texture = Reading("slices", texture_filter=filter_)
+    ours = read(texture, displaced(TURN, reading=of_texture))
+    picture, places = np.asarray(texture.color), 2 * (places + 3 - 0.5) + 0.5
+    expected = oracles.sample_all(oracle, picture, places)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13)
+    # The other filter is not even in the program.
+    for source, other in [(history, of_texture), (texture, of_history)]:
+        programs = [
+            str(jax.make_jaxpr(source.at)(displaced(TURN, reading=reading)))
+            for reading in (SLICES, other)
+        ]
+        assert programs[0] == programs[1]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("sampler", "slice", "one of slices, gather, at_rest, got 'slice'. Did you"),
+        ("texture_filter", "cubic", "one of nearest, bilinear, catmull_rom, got 'cu"),
+        ("history_filter", "Bilinear", "one of .*, got 'Bilinear'. Did you mean 'bil"),
+        ("warp", "", "one of homography, affine, shift, got ''.$"),
+        ("warp", None, "one of homography, affine, shift, got None.$"),
+        ("sampler", 3, "one of slices, gather, at_rest, got 3.$"),
+    ],
+)
+def test_a_reading_that_there_is_not_is_refused(untyped, field, value, message):
+    with pytest.raises(ValueError, match=f"^{field} must be {message}") as error:
+        Reading(**{field: value})
+    assert "\n" not in str(error.value)

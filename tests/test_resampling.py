@@ -263,3 +263,213 @@ def test_gradients_in_the_picture_are_the_weights(name, rng, texels):
     # Reading is linear in the picture, so the gradient says what a change does.
     expected = (weight * read(name, direction, dx, dy)).sum()
     np.testing.assert_allclose((gradient * direction).sum(), expected, rtol=1e-12)
+
+
+# --- by slices ---
+
+ROWS, COLUMNS = 9, 11  # of the stored picture, in display pixels
+BLOCK = (3, 4)  # height and width
+CENTRE = (3, 3)  # column and row of its first pixel: no border is near
+SIZES = pytest.mark.parametrize(
+    ("k", "dtype"), [(1, np.float64), (2, np.float64), (2, np.float32), (4, np.float32)]
+)
+
+
+@pytest.fixture
+def stored(rng):
+    """A picture of `k` texels per pixel, and its texels."""
+
+    def stored(k, dtype=float):
+        picture = rng.random((k * ROWS, k * COLUMNS, 3)).astype(dtype)
+        return picture, resampling.texels(jnp.asarray(picture), k)
+
+    return stored
+
+
+def by_slices():
+    """Read a block at many places by many fields."""
+
+    @jax.jit
+    def read(texels, *cases):
+        def one(case):
+            (column, row), (dx, dy), span = case
+            return resampling.bilinear_by_slices(
+                texels, column, row, BLOCK, span, lambda: (dx, dy)
+            )
+
+        return jax.lax.map(one, cases)  # under `vmap` slices would not stay slices
+
+    def read_all(texels, place, fields, span):
+        # In groups of one size, to compile once.
+        found = []
+        for start in range(0, len(fields), 256):
+            chosen = np.arange(start, min(start + 256, len(fields)))
+            filled = np.resize(chosen, 256)
+            cases = (jnp.asarray(a[filled]) for a in (place, fields, span))
+            found.append(read(texels, *cases)[: len(chosen)])
+        return np.concatenate(found)
+
+    return read_all
+
+
+@pytest.fixture(scope="module")
+def read_by_slices():
+    return by_slices()
+
+
+@pytest.fixture
+def read_slices_only(monkeypatch):
+    """Show what is gathered as NaN."""
+    nothing = lambda *arguments: jnp.full((3, *BLOCK), jnp.nan)
+    monkeypatch.setattr(resampling, "bilinear", nothing)
+    return by_slices()
+
+
+def span_of(fields):
+    """Smallest and largest `(dx, dy)` of each field `(2, h, w)`: `(cases, 2, 2)`."""
+    return np.stack([fields.min(axis=(2, 3)), fields.max(axis=(2, 3))], axis=1)
+
+
+def at_centre(fields):
+    return np.broadcast_to(np.array(CENTRE, np.int32), (len(fields), 2))
+
+
+def sweep(rng, k, dtype=float):
+    """Fields that move blocks across each border, by whole texels and by parts.
+
+    They vary by nothing, by what each number of taps spans, and by more.
+    """
+    far = 4 + k * max(ROWS, COLUMNS)
+    along = np.arange(-far, far + 1)
+    moves = [(x, 0) for x in along] + [(0, x) for x in along] + [(x, x) for x in along]
+    spreads = [0.0, 0.9, 1.5, 2.5, 5.0]
+    moves = np.tile(moves, (len(spreads), 1))
+    spread = np.repeat(spreads, len(moves) // len(spreads))
+    fractions = rng.random((len(moves), 2, *BLOCK))
+    fractions[..., 0, 0] = 0.0  # the lowest lies on a texel's centre
+    across = moves[..., None, None] + spread[:, None, None, None] * fractions
+    # And a block anywhere, moved a little or far.
+    places = [(x, y) for x in range(COLUMNS - 3) for y in range(ROWS - 2)]
+    moves = np.outer(np.resize([2, 30], 2 * len(places)), [1, 1])
+    moves = moves * rng.uniform(-1, 1, moves.shape)
+    around = moves[..., None, None] + rng.uniform(-0.5, 0.5, (len(moves), 2, *BLOCK))
+    place = np.concatenate([at_centre(across), places, places]).astype(np.int32)
+    return place, np.concatenate([across, around]).astype(dtype)
+
+
+def oracle_of(picture, k, place, fields):
+    """Where the texel of each pixel's centre is displaced, read in float64."""
+    height, width = BLOCK
+    x = k * (place[:, 0, None, None] + np.arange(width)) + 0.5 + fields[:, 0]
+    y = k * (place[:, 1, None, None] + np.arange(height)[:, None]) + 0.5 + fields[:, 1]
+    read = oracles.bilinear_at(picture.astype(float), x.ravel(), y.ravel())
+    return np.moveaxis(read.reshape(*x.shape, 3), -1, 1)
+
+
+def rounding(dtype, fields):
+    """A displacement keeps its fraction to eps x its size; slopes are below 2."""
+    return 8 * np.finfo(dtype).eps * np.abs(fields).max()
+
+
+def is_sliceable(k, place, span):
+    """Whether some number of taps spans it, all of them stored for every pixel."""
+    low, high = np.floor(span[:, 0]), np.floor(span[:, 1])
+    first = k * place
+    last = k * (place + np.array(BLOCK[::-1]) - 1)
+    size = k * np.array([COLUMNS, ROWS])
+    found = np.zeros(len(place), bool)
+    for taps in resampling.TAPS:
+        farthest = low + np.array(taps[::-1]) - 1
+        is_stored = (first + low >= 0) & (last + farthest < size)
+        found |= (is_stored & (high + 1 <= farthest)).all(axis=1)
+    return found
+
+
+@SIZES
+def test_slices_agree_with_numpy_across_each_border(
+    k, dtype, rng, stored, read_by_slices
+):
+    picture, texels = stored(k, dtype)
+    place, fields = sweep(rng, k, dtype)
+    ours = read_by_slices(texels, place, fields, span_of(fields))
+    assert ours.dtype == dtype
+    expected = oracle_of(picture, k, place, fields.astype(float))
+    atol = rounding(dtype, fields)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("k", [1, 2, 4])
+def test_exactly_what_fits_is_sliced(k, rng, stored, read_slices_only):
+    # Neither is a slice shifted to lie within the picture, nor is gathered what fits.
+    place, fields = sweep(rng, k)
+    span = span_of(fields)
+    ours = read_slices_only(stored(k)[1], place, fields, span)
+    is_sliced = np.isfinite(ours).all(axis=(1, 2, 3))
+    np.testing.assert_array_equal(is_sliced, is_sliceable(k, place, span))
+    assert 0.1 < is_sliced.mean() < 0.9
+
+
+@pytest.mark.parametrize("taps", resampling.TAPS)
+def test_each_number_of_taps_reads_all_that_it_spans(
+    taps, rng, stored, monkeypatch, read_slices_only
+):
+    monkeypatch.setattr(resampling, "TAPS", (taps,))
+    picture, texels = stored(2)
+    low = np.array([[-3, 2], [-2, -1], [0, 0]])
+    reach = np.array(taps[::-1]) - 1 - 1e-9
+    fields = low[..., None, None] + reach[:, None, None] * rng.random((3, 2, *BLOCK))
+    span = np.stack([low, low + reach], axis=1)
+    ours = read_slices_only(texels, at_centre(fields), fields, span)
+    expected = oracle_of(picture, 2, at_centre(fields), fields)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=rounding(float, fields))
+
+
+@pytest.mark.parametrize("miss", [1e-6, 1e-3])
+def test_a_displacement_that_misses_its_span_is_extrapolated(
+    miss, rng, stored, read_by_slices
+):
+    # Rounding may move it past a bound that is a whole number of texels: the line
+    # through the nearest two texels goes on, where weights would have been lost.
+    picture, texels = stored(2)
+    low = np.array([[0, 0], [-2, 1], [1, -2]])
+    for rows, columns in resampling.TAPS:
+        reach = np.array([columns, rows]) - 1
+        is_high = rng.random((3, 2, *BLOCK)) < 0.5
+        missed = np.where(is_high, reach[:, None, None] + miss, -miss)
+        fields = low[..., None, None] + missed
+        span = np.stack([low, low + reach - 1e-9], axis=1)
+        ours = read_by_slices(texels, at_centre(fields), fields, span)
+        expected = oracle_of(picture, 2, at_centre(fields), fields)
+        # Wrong by the miss times the change of slope, at most 2 per axis.
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=4 * miss)
+        assert np.abs(ours - expected).max() > 0.01 * miss  # it was not gathered
+
+
+def test_what_has_no_bounds_is_gathered(rng, stored, read_by_slices):
+    inf, nan = np.inf, np.nan
+    along_x = [
+        *[(-inf, inf), (-inf, -inf), (inf, inf), (nan, nan), (nan, 0.5), (0.0, nan)],
+        *[(3e9, 3e9), (-3e9, 3e9), (-1e300, -1e300), (0.0, 1e300)],
+    ]
+    span = np.array([np.stack([x, (0.0, 0.5)], axis=-1) for x in along_x])
+    span = np.concatenate([span, span[..., ::-1]])
+    picture, texels = stored(2)
+    fields = rng.uniform(-9, 9, (len(span), 2, *BLOCK))
+    fields[:, 0, 1, 2] = nan
+    fields[:, 1, 0, 0] = -1e300
+    ours = read_by_slices(texels, at_centre(fields), fields, span)
+    safe = np.clip(np.nan_to_num(fields), -99, 99)
+    expected = oracle_of(picture, 2, at_centre(fields), safe)
+    expected[:, :, 1, 2] = nan
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=rounding(float, safe))
+
+
+def test_texels_may_be_kept_in_less_than_what_is_computed(rng, stored, read_by_slices):
+    texels = stored(2, np.float32)[1].astype(jnp.bfloat16)
+    place, fields = sweep(rng, 2, np.float32)
+    ours = read_by_slices(texels, place, fields, span_of(fields))
+    assert ours.dtype == np.float32
+    picture = np.asarray(resampling.picture(texels).astype(jnp.float32))
+    expected = oracle_of(picture, 2, place, fields.astype(float))
+    atol = rounding(np.float32, fields)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=atol)

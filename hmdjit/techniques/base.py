@@ -5,6 +5,11 @@ frame, motion) -> (state, displayed)`: pure, per region, on planes. A session ca
 `init` with its first frame and `step` with every frame, the first one included (motion
 0), so that displayed frame 0 is frame 0. Sources (history) are read only through
 `source.at(displacement)`.
+
+A large region may be stepped block by block, each with the state of the whole region:
+what a state keeps per pixel is a `History`, and anything else in it, a counter say,
+comes out the same for every block. Where it keeps a plane of another kind, or reads
+neighbours in the current frame, the region is stepped in one piece.
 """
 
 import abc
