@@ -147,14 +147,17 @@ def _study(command: Any, console: rich.console.Console) -> int:
 
     camera = study.display
     is_replay = isinstance(study.head, Replay)  # its windows are counted later
-    sessions = f"{'at most ' if is_replay else ''}{study.sessions}"
-    if goal:
-        until = options.budget or f"{100 * goal['tolerance']:g} %"
-        sessions = f"(until {until})"
+    sessions = f"{'at most ' if is_replay else ''}{study.sessions} sessions"
+    if goal.tolerance is not None:
+        sessions = (
+            f"sessions until all is known within {100 * goal.tolerance:g} %, each"
+        )
+    elif goal.budget_s is not None:
+        sessions = f"sessions for {goal.budget_s:g} s, each"
     head = "" if is_replay else f"{options.head or definition.HEAD}, "
     console.print(
         f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
-        f"{sessions} sessions of {study.warmup} + {study.frames} frames, "
+        f"{sessions} of {study.warmup} + {study.frames} frames, "
         f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
         f"{camera.refresh_hz:.4g} Hz.\n"
         f"Head: {head}{study.head}.\n"
@@ -165,7 +168,13 @@ def _study(command: Any, console: rich.console.Console) -> int:
     )
     try:
         with _Bar(console, study) as bar:
-            dataset = study.run(options.seed or 0, out=out, progress=bar, **goal)
+            dataset = study.run(
+                options.seed or 0,
+                out=out,
+                progress=bar,
+                tolerance=goal.tolerance,
+                budget_s=goal.budget_s,
+            )
     except KeyboardInterrupt:
         console.print(
             "\nStopped. Finished batches are kept: run the same command to go on.",

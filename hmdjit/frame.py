@@ -172,7 +172,7 @@ class Displacement(eqx.Module):
         return span if self.sample_px is None else span + self.sample_px[None]
 
     def _exact_span(self) -> Float[Array, "2 2"]:
-        """What `span` is without approximation."""
+        """Return `span` without approximation."""
         region = self.region
         if self.sample_px is None:
             return pinhole.displacement_range(self.camera, region, self.rotation)
@@ -310,8 +310,8 @@ class Texture(eqx.Module):
         cls, color: Picture, supersampled: Picture, oversampling: int, margin_px: int
     ) -> "Texture":
         """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel."""
-        stored = (resampling.texels(p, oversampling) for p in (color, supersampled))
-        return cls(*stored, margin_px)
+        stored = resampling.texels(color, oversampling)
+        return cls(stored, resampling.texels(supersampled, oversampling), margin_px)
 
     @property
     def oversampling(self) -> int:
