@@ -6,7 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
+from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Float, Int
 
@@ -60,6 +60,10 @@ class Runner:
             result = self._dispatch(technique, texture, wide, int(width), 8)
             mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
         return Result(mtcd, loss)
+
+    def placed(self, texture: Texture) -> Texture:
+        """Copy a texture to every device; else each dispatch copies it anew."""
+        return jax.device_put(texture, NamedSharding(self.mesh, Spec()))
 
     def halo(
         self, technique: AbstractTechnique, batch: Batch
@@ -147,30 +151,31 @@ def _measure(
     width = min(block[0] + 2 * halo, camera.width_px)
     height = min(block[1] + 2 * halo, camera.height_px)
 
-    def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
-        x0, y0 = origin
-        # The region is shifted to stay within the frame: there its edge is the frame's.
-        left = jnp.clip(x0 - halo, 0, camera.width_px - width)
-        top = jnp.clip(y0 - halo, 0, camera.height_px - height)
-        region = Region(left, top, width, height)
-        measured = Region(x0, y0, *block)
-        return session(
-            texture,
-            camera,
-            technique,
-            motion,
-            region,
-            measured,
-            warmup=warmup,
-            reading=reading,
-        )
-
-    def one_session(arguments: tuple) -> Result:
-        motion, origins = arguments
-        results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
-        return jax.tree.map(jnp.mean, results)
-
     def many(texture, camera, technique, motion, origins) -> Result:
+        def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
+            x0, y0 = origin
+            # The region is shifted to stay within the frame: there its edge is the
+            # frame's.
+            left = jnp.clip(x0 - halo, 0, camera.width_px - width)
+            top = jnp.clip(y0 - halo, 0, camera.height_px - height)
+            region = Region(left, top, width, height)
+            measured = Region(x0, y0, *block)
+            return session(
+                texture,
+                camera,
+                technique,
+                motion,
+                region,
+                measured,
+                warmup=warmup,
+                reading=reading,
+            )
+
+        def one_session(arguments: tuple) -> Result:
+            motion, origins = arguments
+            results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
+            return jax.tree.map(jnp.mean, results)
+
         return jax.lax.map(one_session, (motion, origins))
 
     split, whole = Spec("sessions"), Spec()
