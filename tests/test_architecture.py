@@ -36,7 +36,7 @@ LINES = [
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers
-    ("cli_head",),
+    ("cli_head", "cli_trade_off"),
     ("cli",),
     ("__main__",),
 ]
@@ -65,10 +65,13 @@ FOLDERS = {
         ("monte_carlo",),
         ("definition",),  # reads a file into a `Study`, so it comes after it
         ("estimators",),
+        ("settings",),
         ("trade_off",),
+        ("trade_off_measuring",),
         ("fitting",),
         ("results",),
         ("drawing",),
+        ("trade_off_figure",),
         ("figures",),
         ("report",),
         ("head_figure",),

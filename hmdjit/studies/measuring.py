@@ -38,7 +38,7 @@ class Runner:
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
         self.block = measure.block_size(camera)
-        self.mesh = Mesh(np.array(jax.devices()), ("sessions",))
+        self.mesh = _mesh()
         self._usual_halo: dict[str, int] = {}
         for technique in (t.on_pictures() for t in techniques):
             need = int(np.max(self._needed_halo(technique, pilot)))
@@ -60,10 +60,6 @@ class Runner:
             result = self._dispatch(technique, texture, wide, int(width), 8)
             mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
         return Result(mtcd, loss)
-
-    def placed(self, texture: Texture) -> Texture:
-        """Copy a texture to every device; else each dispatch copies it anew."""
-        return jax.device_put(texture, NamedSharding(self.mesh, Spec()))
 
     def halo(
         self, technique: AbstractTechnique, batch: Batch
@@ -126,6 +122,15 @@ class Runner:
             reading=self.reading,
         )
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
+
+
+def _mesh() -> Mesh:
+    return Mesh(np.array(jax.devices()), ("sessions",))
+
+
+def placed(texture: Texture) -> Texture:
+    """Copy a texture to every device, or each dispatch copies it anew."""
+    return jax.device_put(texture, NamedSharding(_mesh(), Spec()))
 
 
 @partial(
