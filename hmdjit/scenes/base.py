@@ -195,7 +195,8 @@ def bake(
     # Positions have too many digits for a shorter dtype than float32.
     painted_dtype = jnp.promote_types(dtype, jnp.float32)
     painted = _paint(nameless, camera, oversampling, margin_px, painted_dtype)
-    return Texture(*(texels.astype(dtype) for texels in painted), margin_px)
+    colors, supersampled = (texels.astype(dtype) for texels in painted)
+    return Texture(colors, supersampled, margin_px)
 
 
 def check_baking(camera: Camera, oversampling: int, margin_deg: float) -> int:

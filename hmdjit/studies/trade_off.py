@@ -9,8 +9,9 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -127,13 +128,11 @@ def pareto_front(points: Float[np.ndarray, "points 2"]) -> Bool[np.ndarray, " po
     """
     points = np.asarray(points, float).reshape(-1, 2)
     front = np.zeros(len(points), bool)
-    lowest = np.inf
+    last = np.full(2, np.inf)  # of the front so far, from the left
     order = np.lexsort((points[:, 1], points[:, 0]))
     for i in order[np.isfinite(points[order]).all(axis=1)]:
-        if points[i, 1] < lowest:
-            front[i], lowest, best = True, points[i, 1], points[i]
-        elif front.any() and (points[i] == best).all():
-            front[i] = True
+        if points[i, 1] < last[1] or (points[i] == last).all():
+            front[i], last = True, points[i]
     return front
 
 
@@ -296,6 +295,12 @@ def parse_seconds(text: str) -> float:
     raise ValueError(f"budget must be a duration such as 10s or 2min, got {text!r}.")
 
 
+_READ: dict[Any, Callable[[str], Any]] = {
+    str: str,
+    int: int,
+    float: float,
+    bool: lambda text: {"True": True, "False": False}[text],
+}
 _OWN = [field for field in dataclasses.fields(Row) if field.name != "identity"]
 _SHARED = dataclasses.fields(Identity)
 COLUMNS = tuple(field.name for field in (*_OWN, *_SHARED))
@@ -330,11 +335,9 @@ def read_csv(path: str | os.PathLike) -> list[Row]:
         raise ValueError(
             f"{path}: no such file: run `hmdjit trade-off` first."
         ) from None
-    convert = {bool: lambda text: {"True": True, "False": False}[text]}
 
     def values(fields: Iterable[dataclasses.Field], line: dict[str, str]) -> dict:
-        kinds = {field.name: field.type for field in fields}
-        return {k: convert.get(kind, kind)(line[k]) for k, kind in kinds.items()}
+        return {field.name: _READ[field.type](line[field.name]) for field in fields}
 
     try:
         rows = [

@@ -21,6 +21,7 @@ _MONTE_CARLO = 0.01  # relative standard error to which seconds are counted
 _FRONT, _DEFAULT, _OTHER = "#0072B2", "#D55E00", "#777777"
 _DASHES = ["-", (0, (6, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)), (0, (3, 1.5))]
 _MOST_CURVES = 6
+_SESSIONS = 500  # of the default study, marked on the curves
 
 
 def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
@@ -66,7 +67,10 @@ def draw(rows: Sequence[Row]) -> Figure:
             f"{technique}: bias against time", loc="left", fontsize=11, weight="bold"
         )
         right.set_title(
-            "total error against time", loc="left", fontsize=11, weight="bold"
+            f"total error against time; dots: {_SESSIONS} sessions",
+            loc="left",
+            fontsize=11,
+            weight="bold",
         )
     words = textwrap.fill(_footer(rows[0].identity), 190)
     figure.text(0.01, -0.01, words, fontsize=7, color=GREY, va="top")
@@ -186,6 +190,8 @@ def _curves(axes: Axes, rows: Sequence[Row]) -> None:
             ls=_DASHES[i % len(_DASHES)],
             lw=1.8,
         )
+        at = _SESSIONS * row.s_per_session
+        axes.plot(at, 100 * row.error(at), "o", color="black", ms=4, zorder=5)
     if curves:
         axes.set_xlim(seconds[0], seconds[-1])
     axes.set_xlabel("seconds of running")
@@ -194,7 +200,7 @@ def _curves(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def _seconds(curves: Sequence[Row]) -> np.ndarray:
-    """Return times from a Monte Carlo error of 10 % at best to one of 0.3 % at worst."""
+    """Span from a Monte Carlo error of 10 % at best to one of 0.3 % at worst."""
     fast = min((row.seconds_to(0.1) for row in curves), default=0.1)
     slow = max((row.seconds_to(0.003) for row in curves), default=100.0)
     return np.geomspace(fast, slow, 120)
@@ -204,7 +210,7 @@ def _logarithmic(axes: Axes) -> None:
     for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
         (axes.set_xscale if name == "x" else axes.set_yscale)("log")
         low, high = axes.get_xlim() if name == "x" else axes.get_ylim()
-        subs = (1.0,) if high / low > 100 else (1.0, 2.0, 5.0)
+        subs = (1.0,) if high / low > 1000 else (1.0, 2.0, 5.0)
         axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_locator(NullLocator())
