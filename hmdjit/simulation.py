@@ -289,7 +289,8 @@ def simulate(
     _check_texture(texture, camera, region)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
-    dtype = jnp.promote_types(texture.color_texels.dtype, jnp.float32)
+    stored = texture.color_texels.dtype
+    dtype = jnp.dtype(jnp.float32) if stored.itemsize < 4 else stored
     motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)
     if not _checks.is_traced(motion.offset):
         _check_margin(texture, camera, region, motion)

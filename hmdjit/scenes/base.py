@@ -193,7 +193,7 @@ def bake(
     # The name is part of the program's identity: without it, scenes share a program.
     nameless = dataclasses.replace(scene, name="")
     # Positions have too many digits for a shorter dtype than float32.
-    painted_dtype = jnp.promote_types(dtype, jnp.float32)
+    painted_dtype = jnp.dtype(jnp.float32 if jnp.dtype(dtype).itemsize < 4 else dtype)
     painted = _paint(nameless, camera, oversampling, margin_px, painted_dtype)
     colors, supersampled = (texels.astype(dtype) for texels in painted)
     return Texture(colors, supersampled, margin_px)

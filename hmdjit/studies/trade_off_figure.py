@@ -227,7 +227,7 @@ def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None
         for row in ordered
         if np.isfinite(row.seconds_to(_MONTE_CARLO))
     ]
-    label_points(figure, left, points, fontsize=8)
+    label_points(figure, left, points, fontsize=8.0)
     curves = _shown_curves(rows)
     seconds = _seconds(curves)
     # Each name stands on its curve, the flattest ones at the right.
@@ -238,4 +238,4 @@ def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None
         at = float(seconds[int(share * (len(seconds) - 1))])
         colour = _DEFAULT if row.knob == DEFAULT else _FRONT
         names.append((at, 100 * row.error(at), row.setting, colour))
-    label_points(figure, right, names, fontsize=8)
+    label_points(figure, right, names, fontsize=8.0)
