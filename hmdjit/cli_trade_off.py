@@ -1,7 +1,6 @@
 """The command line's `hmdjit trade-off` and `hmdjit pick`."""
 
 import dataclasses
-import math
 import os
 import shlex
 import time
@@ -10,15 +9,20 @@ from typing import Annotated, Any
 
 import rich.console
 import tyro
-from rich import box
-from rich.table import Table
 
 from . import _checks, techniques
-from .studies import definition, settings, trade_off, trade_off_figure
+from .studies import (
+    choice,
+    definition,
+    settings,
+    trade_off,
+    trade_off_figure,
+    trade_off_report,
+)
 from .studies import trade_off_measuring as measuring
+from .studies.choice import Choice
 from .studies.intervals import Z95
 from .studies.monte_carlo import Study
-from .studies.trade_off import Choice, Row
 
 SCENE = "text"  # its hard edges show what textures do; photographs are their texels
 TECHNIQUE = "head_movement"
@@ -157,8 +161,10 @@ def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
         kept = f"{len(rows)} rows are kept in {file}" if rows else "no row was finished"
         console.print(f"\nStopped: {kept}.", highlight=False, soft_wrap=True)
         raise
-    console.print(table(rows, command.seconds))
-    _say_what_it_means(console, rows)
+    console.print(trade_off_report.table(rows, command.seconds))
+    console.print(
+        trade_off_report.explanation(rows), highlight=False, soft_wrap=True, style="dim"
+    )
     picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
     console.print(f"Wrote {file} and {picture}.", highlight=False, soft_wrap=True)
 
@@ -212,75 +218,6 @@ class _Lines:
         )
 
 
-def table(rows: list[Row], seconds: float) -> Table:
-    """Lay out rows: what a setting costs, and how far off it is."""
-    found = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    found.add_column("setting", overflow="fold")
-    for header in (
-        *("technique", "MTCD", "bias, %", "sd, %", "detail loss", "ms/session"),
-        *("s to 1 %", f"error, % at {seconds:g} s", "compile, s"),
-    ):
-        found.add_column(header, justify="right")
-    on_front = [
-        row
-        for technique in dict.fromkeys(row.technique for row in rows)
-        for row in trade_off.front_of([r for r in rows if r.technique == technique])
-    ]
-    knob = rows[0].knob if rows else ""
-    for row in rows:
-        if row.knob != knob:
-            knob = row.knob
-        mean = row.reference_mtcd or math.nan
-        mark = " †" if row.is_other_device else " ‡" * (row.bias_by == "frame mean")
-        found.add_row(
-            row.setting + mark,
-            row.technique,
-            f"{row.mtcd:.2f}",
-            f"{100 * row.bias / mean:+.2f} ±{100 * Z95 * row.bias_se / mean:.2f}",
-            f"{100 * row.mtcd_sd / mean:.0f}",
-            f"{row.detail_loss:.0f}",
-            f"{1e3 * row.s_per_session:.2f}",
-            f"{row.seconds_to(0.01):.1f}",
-            f"{100 * row.error(seconds):.2f}" if row.reference_mtcd else "-",
-            f"{row.compile_s:.1f}",
-            style="bold" if row in on_front else "",
-        )
-    return found
-
-
-def _say_what_it_means(console: rich.console.Console, rows: list[Row]) -> None:
-    identity = rows[0].identity
-    words = [
-        "Bold: on the Pareto front of seconds and |bias|. † another modelled device: "
-        "its difference is no error. ‡ no sample of the frame's pixels: compared by "
-        "frame means. Bias: paired, with 95 %. s to 1 %: running time to a Monte Carlo "
-        "standard error of 1 %. Compiled two at a time, so compile times include "
-        "waiting.",
-        f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
-        f"{identity.load:.2g} before; JAX {identity.jax_version}.",
-    ]
-    for row in rows:
-        if row.setting == "whole frame" and row.frame_difference_se > 0:
-            twin = next(
-                (
-                    r
-                    for r in rows
-                    if (r.knob, r.technique) == ("default", row.technique)
-                ),
-                None,
-            )
-            if twin is not None:
-                # Both are differences to the reference on tiles.
-                gap = row.frame_difference - twin.frame_difference
-                z = gap / math.hypot(row.frame_difference_se, twin.frame_difference_se)
-                words.append(
-                    f"Check of tiles, {row.technique}: whole frame minus tiles "
-                    f"{100 * gap / row.reference_mtcd:+.1f} % over {row.sessions} "
-                    f"sessions ({z:+.1f} standard errors)."
-                )
-    console.print("\n".join(words), highlight=False, soft_wrap=True, style="dim")
-
-
 def pick(command: PickCommand, console: rich.console.Console) -> None:
     """Choose a setting, and print how to run it."""
     if (command.tolerance is None) == (command.budget is None):
@@ -289,34 +226,34 @@ def pick(command: PickCommand, console: rich.console.Console) -> None:
         _checks.in_range(
             "tolerance", command.tolerance, 0, 1, open_low=True, open_high=True
         )
-    budget = None if command.budget is None else trade_off.parse_seconds(command.budget)
+    budget = None if command.budget is None else choice.parse_seconds(command.budget)
     rows = trade_off.read_csv(command.table)
-    candidates = trade_off.candidates(rows, command.technique)
+    found = choice.candidates(rows, command.technique)
     if budget is not None:
-        choice = trade_off.pick_budget(candidates, budget)
+        chosen = choice.pick_budget(found, budget)
     else:
         assert command.tolerance is not None
-        choice = trade_off.pick_tolerance(candidates, command.tolerance)
-    _print_choice(choice, console)
+        chosen = choice.pick_tolerance(found, command.tolerance)
+    _print_choice(chosen, console)
 
 
-def _print_choice(choice: Choice, console: rich.console.Console) -> None:
-    first = choice.rows[0]
-    compile_s = sum(row.compile_s for row in choice.rows) + first.bake_s
+def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
+    first = chosen.rows[0]
+    compile_s = sum(row.compile_s for row in chosen.rows) + first.bake_s
     say = lambda text: console.print(text, highlight=False, soft_wrap=True)
-    say(f"Setting: {choice.setting} ({first.identity.scene}).")
+    say(f"Setting: {chosen.setting} ({first.identity.scene}).")
     say(
-        f"Sessions: {choice.sessions:,}. Expected: {choice.seconds:.3g} s of running "
+        f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
         f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
-        f"{100 * choice.error:.2g} % of MTCD (95 %)."
+        f"{100 * chosen.error:.2g} % of MTCD (95 %)."
     )
-    for row in choice.rows:
+    for row in chosen.rows:
         bias, error = (100 * x / row.reference_mtcd for x in (row.bias, row.bias_se))
         say(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
-    names = " ".join(row.technique for row in choice.rows)
+    names = " ".join(row.technique for row in chosen.rows)
     if first.python_fields:
         say(f"In Python only: {first.python_fields}; the rest as options:")
     say(
         f"hmdjit study {first.identity.study_options} {first.setting_options} "
-        f"--techniques {names} --sessions {choice.sessions}"
+        f"--techniques {names} --sessions {chosen.sessions}"
     )

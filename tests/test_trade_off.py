@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 import hmdjit as hj
 from hmdjit import cli
 from hmdjit.frame import GATHER, Reading
-from hmdjit.studies import settings, trade_off, trade_off_figure, trade_off_measuring
+from hmdjit.studies import (
+    choice,
+    settings,
+    trade_off,
+    trade_off_figure,
+    trade_off_measuring,
+)
 from hmdjit.studies.intervals import Z95
 from hmdjit.studies.settings import Case, EverySample, Setting
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
@@ -147,56 +153,56 @@ def test_a_tolerance_is_reached_at_the_least_cost():
     fast = row("fast", cost=0.001, bias=0.03)
     good = row("good", cost=0.01, bias=0.01)
     best = row("best", cost=0.05)
-    found = trade_off.candidates([fast, good, best])
-    choice = trade_off.pick_tolerance(found, 0.05)
-    assert choice.setting == "fast"
+    found = choice.candidates([fast, good, best])
+    picked = choice.pick_tolerance(found, 0.05)
+    assert picked.setting == "fast"
     for tolerance in (0.05, 0.02, 0.005):
-        choice = trade_off.pick_tolerance(found, tolerance)
-        assert choice.error <= tolerance
-        chosen = choice.rows[0]
-        fewer = abs(chosen.bias) + Z95 * chosen.mtcd_sd / math.sqrt(choice.sessions - 1)
+        picked = choice.pick_tolerance(found, tolerance)
+        assert picked.error <= tolerance
+        chosen = picked.rows[0]
+        fewer = abs(chosen.bias) + Z95 * chosen.mtcd_sd / math.sqrt(picked.sessions - 1)
         assert fewer > tolerance  # not one session too many
-        assert choice.seconds == pytest.approx(choice.sessions * chosen.s_per_session)
+        assert picked.seconds == pytest.approx(picked.sessions * chosen.s_per_session)
     # 2 % by `good`: 1 % is left for chance, 9604 sessions; by `best`: 2401, 5 times as
     # dear: 96 against 120 s.
-    assert trade_off.pick_tolerance(found, 0.02).setting == "good"
-    assert trade_off.pick_tolerance(found, 0.005).setting == "best"
+    assert choice.pick_tolerance(found, 0.02).setting == "good"
+    assert choice.pick_tolerance(found, 0.005).setting == "best"
 
 
 def test_a_budget_buys_the_smallest_error():
     fast, best = row("fast", cost=0.001, bias=0.03), row("best", cost=0.05)
-    found = trade_off.candidates([fast, best])
-    assert trade_off.pick_budget(found, 1.0).setting == "fast"
-    choice = trade_off.pick_budget(found, 1000.0)
-    assert (choice.setting, choice.sessions) == ("best", 20000)
-    assert choice.seconds <= 1000.0
+    found = choice.candidates([fast, best])
+    assert choice.pick_budget(found, 1.0).setting == "fast"
+    picked = choice.pick_budget(found, 1000.0)
+    assert (picked.setting, picked.sessions) == ("best", 20000)
+    assert picked.seconds <= 1000.0
 
 
 def test_what_is_not_known_of_a_bias_counts():
     lucky = row("lucky", cost=0.001, bias_se=0.02)
     sure = row("sure", cost=0.01)
-    found = trade_off.candidates([lucky, sure])
-    assert trade_off.pick_tolerance(found, 0.03).setting == "sure"
+    found = choice.candidates([lucky, sure])
+    assert choice.pick_tolerance(found, 0.03).setting == "sure"
 
 
 def test_ties_go_to_the_smaller_error_then_to_the_first():
-    found = trade_off.candidates([row("a"), row("b")])
-    assert trade_off.pick_tolerance(found, 0.05).setting == "a"
-    assert trade_off.pick_budget(found, 5.0).setting == "a"
+    found = choice.candidates([row("a"), row("b")])
+    assert choice.pick_tolerance(found, 0.05).setting == "a"
+    assert choice.pick_budget(found, 5.0).setting == "a"
     # As cheap at 2 sessions each, but one is nearer.
     near, far = row("near", sd=1e-4), row("far", sd=1e-4, bias=0.01)
-    found = trade_off.candidates([far, near])
-    assert trade_off.pick_tolerance(found, 0.05).setting == "near"
+    found = choice.candidates([far, near])
+    assert choice.pick_tolerance(found, 0.05).setting == "near"
 
 
 def test_nothing_fits():
-    found = trade_off.candidates([row("good", bias=0.01), row("bad", bias=0.03)])
+    found = choice.candidates([row("good", bias=0.01), row("bad", bias=0.03)])
     with pytest.raises(ValueError, match=r"0.005: the bias of the best, good, .* 0.01"):
-        trade_off.pick_tolerance(found, 0.005)
+        choice.pick_tolerance(found, 0.005)
     with pytest.raises(ValueError, match=r"two sessions in 0.01 s: .* needs 0.02 s"):
-        trade_off.pick_budget(found, 0.01)
+        choice.pick_budget(found, 0.01)
     with pytest.raises(ValueError, match="no setting has flicker"):
-        trade_off.pick_tolerance([], 0.01)
+        choice.pick_tolerance([], 0.01)
 
 
 def test_a_setting_must_do_for_all_techniques():
@@ -204,13 +210,13 @@ def test_a_setting_must_do_for_all_techniques():
     one = row("one", cost=1e-4)
     worse = row("worse"), row("worse", technique="none", bias=0.2)
     other = row("other", is_other_device=True)
-    found = trade_off.candidates([*both, one, *worse, other])
+    found = choice.candidates([*both, one, *worse, other])
     assert [rows[0].setting for rows in found] == ["both", "worse"]
-    choice = trade_off.pick_tolerance(found, 0.05)
-    assert choice.setting == "both"
-    assert choice.seconds == pytest.approx(choice.sessions * 0.02)
-    only = trade_off.candidates([*both, one], ["head_movement"])
-    assert trade_off.pick_tolerance(only, 0.05).setting == "one"
+    picked = choice.pick_tolerance(found, 0.05)
+    assert picked.setting == "both"
+    assert picked.seconds == pytest.approx(picked.sessions * 0.02)
+    only = choice.candidates([*both, one], ["head_movement"])
+    assert choice.pick_tolerance(only, 0.05).setting == "one"
 
 
 @pytest.mark.parametrize(
@@ -218,7 +224,7 @@ def test_a_setting_must_do_for_all_techniques():
     [("10s", 10.0), ("2min", 120.0), ("1.5 m", 90.0), ("1h", 3600.0), ("7", 7.0)],
 )
 def test_durations_are_read(text, seconds):
-    assert trade_off.parse_seconds(text) == seconds
+    assert choice.parse_seconds(text) == seconds
 
 
 # The file.

@@ -1,8 +1,7 @@
 """Measuring a trade-off: each setting timed alone, on the same head paths.
 
-Textures are baked and programs compiled two at a time; programs are then run one after
-the other, three times: the median is what a run takes. Bias is the mean of paired
-differences to the reference fidelity, over the same sessions:
+Bias is the mean of paired differences to the reference fidelity, over the same
+sessions:
 
 - the same pixels, wherever the setting measures those of the reference;
 - of the same fidelity on those pixels, where the setting measures other tiles or the
@@ -15,35 +14,21 @@ import contextlib
 import math
 import os
 import platform
-import statistics
-import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .. import _checks
-from .. import camera as pinhole
 from .._version import __version__
-from ..camera import Camera, Region
-from ..frame import Texture
-from ..scenes.base import bake
 from ..simulation import Result
-from .measuring import Runner, placed
+from .bench import Bench
 from .monte_carlo import MODEL_VERSION, Study, check_seed
-from .sessions import Batch, Sessions
 from .settings import REFERENCE, Case, Setting
-from .tiles import Measurement
 from .trade_off import Identity, Row
 
-_PILOT_SESSIONS = 256
 _AT_ONCE = 4  # programs compiled before they are timed
-_RUNS = 3
-_FEW_SESSIONS = 8  # at least so many are measured, however many pixels they have
 
 
 class Progress(NamedTuple):
@@ -52,12 +37,6 @@ class Progress(NamedTuple):
     done: int
     total: int
     doing: str
-
-
-class _Program(NamedTuple):
-    case: Case
-    runner: Runner
-    batch: Batch
 
 
 class _Measured(NamedTuple):
@@ -93,7 +72,7 @@ def measure(
     _checks.whole("sessions", sessions, 2)
     if len(study.scenes) != 1:
         raise ValueError(f"scenes must be one, got {len(study.scenes)}.")
-    bench = _Bench(study, seed, sessions)
+    bench = Bench(study, seed, sessions)
     identity = _identity(study, seed, study_options)
     found: dict[tuple[Setting, str], _Measured] = {}
     for first in range(0, len(cases), _AT_ONCE):
@@ -114,146 +93,6 @@ def measure(
             measured = _Measured(result, seconds, compile_s, bench.bake_s(case.setting))
             found[case.setting, case.technique.id] = measured
             yield _row(study, case, measured, found, identity)
-
-
-class _Bench:
-    """Sessions, textures and programs of one scene."""
-
-    def __init__(self, study: Study, seed: int, sessions: int):
-        self.study, self.seed = study, seed
-        self.length = study.warmup + study.frames
-        ((_, self.scene),) = study.scenes.items()
-        self._lock = threading.Lock()
-        self._textures: dict[tuple, Future[tuple[Texture, float]]] = {}
-        self._most = max(_PILOT_SESSIONS, sessions)
-        drawn = self._drawn(study.measure, study.display)
-        if drawn.size < 2:
-            raise ValueError("a trade-off needs at least 2 sessions, the replay has 1.")
-        self.sessions = min(sessions, drawn.size)
-        self.margin_deg = _margin_deg(study.display, drawn)
-
-    def _drawn(self, measure: Measurement, camera: Camera) -> Batch:
-        """As many sessions as show what halos are needed."""
-        sessions = Sessions(
-            self.seed, self.study.head, camera, measure, self._most, self.length
-        )
-        return sessions.batch(0, sessions.count)
-
-    def texture(self, setting: Setting) -> Texture:
-        """Texture of a setting, on all devices; baked by whoever asks first."""
-        with self._lock:
-            future = self._textures.get(setting.texture())
-            is_mine = future is None
-            if future is None:
-                future = self._textures[setting.texture()] = Future()
-        if is_mine:
-            try:
-                future.set_result(self._bake(setting))
-            except BaseException as error:
-                future.set_exception(error)
-                raise
-        return future.result()[0]
-
-    def bake_s(self, setting: Setting) -> float:
-        """Seconds that baking took, compiling it included."""
-        return self._textures[setting.texture()].result()[1]
-
-    def forget_textures_but(self, needed: set[tuple]) -> None:
-        """Free the memory of textures that are no longer needed."""
-        for key in self._textures.keys() - needed:
-            del self._textures[key]
-
-    def _bake(self, setting: Setting) -> tuple[Texture, float]:
-        start = time.perf_counter()
-        with _precision(setting):
-            texture = bake(
-                self.scene,
-                setting.camera(self.study.display),
-                oversampling=setting.oversampling,
-                # No wider than these heads wander: it changes no texel.
-                margin_deg=self.margin_deg,
-                dtype=setting.dtype,
-            )
-            jax.block_until_ready(texture)
-            seconds = time.perf_counter() - start
-            return jax.block_until_ready(placed(texture)), seconds
-
-    def program(self, case: Case) -> _Program:
-        setting, study = case.setting, self.study
-        camera = setting.camera(study.display)
-        drawn = self._drawn(setting.measure, camera)
-        runner = Runner(
-            camera,
-            setting.measure,
-            [case.technique],
-            study.warmup,
-            1,
-            drawn,
-            setting.reading,
-        )
-        count = self._count(setting)
-        runner.batch_size = count
-        batch = drawn.select(np.arange(count))
-        return _Program(case, runner, batch)
-
-    def _count(self, setting: Setting) -> int:
-        usual = _pixels(self.study.measure, self.study.display)
-        pixels = _pixels(setting.measure, setting.camera(self.study.display))
-        fewer = max(_FEW_SESSIONS, 4 * self.sessions * usual // pixels)
-        return min(self.sessions, fewer)
-
-    def compiled(self, programs: Sequence[_Program]) -> list[float]:
-        """Run each program once, two at a time; seconds that each took."""
-
-        def first_run(program: _Program) -> float:
-            self.texture(program.case.setting)
-            return self._run(program)[1]
-
-        pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
-        try:
-            return list(pool.map(first_run, programs))
-        finally:
-            # Whoever stops does not wait for what is still compiling.
-            pool.shutdown(wait=False, cancel_futures=True)
-
-    def timed(self, program: _Program) -> tuple[Result, float]:
-        """Return the result of a program, and the median of its seconds."""
-        runs = [self._run(program) for _ in range(_RUNS)]
-        return runs[0][0], statistics.median(seconds for _, seconds in runs)
-
-    def _run(self, program: _Program) -> tuple[Result, float]:
-        case, runner, batch = program
-        texture = self.texture(case.setting)
-        with _precision(case.setting):
-            if case.setting.dtype == "float64":
-                # The paths of float32, to the last bit.
-                wide = lambda leaf: jnp.asarray(np.asarray(leaf, np.float64))
-                batch = batch._replace(motion=jax.tree.map(wide, batch.motion))
-            start = time.perf_counter()
-            result = runner.run(case.technique, texture, batch)
-        return result, time.perf_counter() - start
-
-
-def _precision(setting: Setting) -> contextlib.AbstractContextManager:
-    wide = setting.dtype == "float64"
-    return jax.enable_x64(True) if wide else contextlib.nullcontext()
-
-
-def _margin_deg(camera: Camera, batch: Batch) -> float:
-    """Margin that a texture needs for some sessions, deg."""
-    whole = Region.whole(camera)
-    offsets = batch.motion.offset.reshape(-1, 3)
-    bounds = jax.vmap(lambda r: pinhole.displacement_bound(camera, whole, r))(offsets)
-    focal = float(camera.focal_px)
-    edge = max(camera.width_px, camera.height_px) / 2 / focal
-    # A pixel more: what is needed at one resolution is rounded up at another.
-    beyond = edge + (float(jnp.max(bounds)) + 1) / focal
-    return math.degrees(math.atan(beyond) - math.atan(edge))
-
-
-def _pixels(measure: Measurement, camera: Camera) -> int:
-    width, height = measure.block_size(camera)
-    return measure.count * width * height
 
 
 def _row(
