@@ -161,7 +161,7 @@ def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
         kept = f"{len(rows)} rows are kept in {file}" if rows else "no row was finished"
         console.print(f"\nStopped: {kept}.", highlight=False, soft_wrap=True)
         raise
-    console.print(trade_off_report.table(rows, command.seconds))
+    console.print(trade_off_report.table(rows, command.seconds, console.width))
     console.print(
         trade_off_report.explanation(rows), highlight=False, soft_wrap=True, style="dim"
     )

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from matplotlib.transforms import Bbox
@@ -162,6 +163,7 @@ def label_points(
                 fontsize=fontsize,
                 fontweight="bold",
                 color=colour,
+                path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
                 arrowprops={"arrowstyle": "-", "lw": 0.6, "color": GREY}
                 if distance > 15
                 else None,
@@ -178,7 +180,7 @@ def label_points(
         else:
             text = axes.annotate(name, (x, y), fontsize=fontsize)
             words = text.get_window_extent()
-        taken.append(words)
+        taken.append(words.padded(2 * unit))
 
 
 _PLACES = [

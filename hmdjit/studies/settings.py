@@ -187,12 +187,10 @@ def combinations(study: Study) -> list[Setting]:
     fine = dataclasses.replace(
         default_setting(study), knob="combination", oversampling=4
     )
-    nearest = dataclasses.replace(fine.reading, texture_filter="nearest")
     affine = dataclasses.replace(fine.reading, warp="affine")
     return [
+        dataclasses.replace(fine, name="4x, 2 tiles of 32 px", measure=Tiles(2, 32)),
         dataclasses.replace(fine, name="4x, 4 tiles of 32 px", measure=Tiles(4, 32)),
-        dataclasses.replace(fine, name="4x, bfloat16", dtype="bfloat16"),
-        dataclasses.replace(fine, name="4x, nearest", reading=nearest),
         dataclasses.replace(fine, name="4x, affine", reading=affine),
     ]
 

@@ -134,7 +134,7 @@ def pareto_front(points: Float[np.ndarray, "points 2"]) -> Bool[np.ndarray, " po
 
 
 NEGLIGIBLE = 1e-4
-"""Bias, relative to MTCD, below which settings count as equally good."""
+"""Step of biases, relative to MTCD: those within it count as equally good."""
 
 
 def front_of(rows: Sequence[Row], monte_carlo: float = 0.01) -> list[Row]:
@@ -146,7 +146,7 @@ def front_of(rows: Sequence[Row], monte_carlo: float = 0.01) -> list[Row]:
     points = [
         (
             row.seconds_to(monte_carlo),
-            max(abs(row.bias) / row.reference_mtcd, NEGLIGIBLE),
+            max(1, round(abs(row.bias) / row.reference_mtcd / NEGLIGIBLE)),
         )
         for row in rows
     ]
