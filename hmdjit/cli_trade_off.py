@@ -158,7 +158,11 @@ def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
             rows.append(row)
             trade_off.write_csv(rows, file)
     except KeyboardInterrupt:
-        kept = f"{len(rows)} rows are kept in {file}" if rows else "no row was finished"
+        kept = (
+            f"{len(rows)} of {len(cases)} rows are kept in {file}"
+            if rows
+            else "no row was finished"
+        )
         console.print(f"\nStopped: {kept}.", highlight=False, soft_wrap=True)
         raise
     console.print(trade_off_report.table(rows, command.seconds, console.width))

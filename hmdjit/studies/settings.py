@@ -195,7 +195,7 @@ def combinations(study: Study) -> list[Setting]:
     ]
 
 
-QUICK = ("1 tile of 64 px", "half resolution", "texture 1x", "texture 4x", "warp shift")
+QUICK = ("1 tile of 64 px", "texture 1x", "texture 4x", "warp shift")
 """Names of the settings that a quick look takes besides reference and default."""
 
 

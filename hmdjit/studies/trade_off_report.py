@@ -20,7 +20,7 @@ def table(rows: Sequence[Row], seconds: float, width: int = 80) -> Table:
     found.add_column("setting", no_wrap=True)
     is_wide = width >= 110
     headers = ["MTCD", "bias, %", "sd, %", "ms each", "s to 1 %"]
-    headers += [f"error, % in {seconds:g} s"]
+    headers += [f"in {seconds:g} s, %"]
     headers += ["detail loss", "compile, s"] * is_wide
     for header in headers:
         found.add_column(header, justify="right")
@@ -63,7 +63,7 @@ def explanation(rows: Sequence[Row]) -> str:
         "its difference is no error. ‡ no sample of the frame's pixels: compared by "
         "frame means. Bias: paired, with 95 %. sd: between sessions. ms each: per "
         "session. s to 1 %: running time to a Monte Carlo "
-        "standard error of 1 %. Compiled two at a time, so compile times include "
+        "standard error of 1 %; beside it, total error in a given time. Compiled two at a time, so compile times include "
         "waiting.",
         f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
         f"{identity.load:.2g} before; JAX {identity.jax_version}.",
