@@ -62,8 +62,8 @@ def explanation(rows: Sequence[Row]) -> str:
         "Bold: on the Pareto front of seconds and |bias|. † another modelled device: "
         "its difference is no error. ‡ no sample of the frame's pixels: compared by "
         "frame means. Bias: paired, with 95 %. sd: between sessions. ms each: per "
-        "session. s to 1 %: running time to a Monte Carlo standard error of 1 %; beside "
-        "it, total error in a given time. Compiled two at a time, so compile times "
+        "session. s to 1 %: running time to a Monte Carlo standard error of 1 %; next "
+        "to it, total error in a given time. Compiled two at a time, so compile times "
         "include waiting.",
         f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
         f"{identity.load:.2g} before; JAX {identity.jax_version}.",
