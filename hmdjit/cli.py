@@ -1,4 +1,4 @@
-"""The command line: `hmdjit study`, `hmdjit apply` and `hmdjit head`."""
+"""The command line: `hmdjit study`, `apply`, `head`, `trade-off` and `pick`."""
 
 import dataclasses
 import re
@@ -15,7 +15,7 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import cli_head, metrics, scenes, simulation, techniques
+from . import cli_head, cli_trade_off, metrics, scenes, simulation, techniques
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
@@ -84,7 +84,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
     commands: dict[str, Any] = {"study": StudyCommand, "apply": ApplyCommand}
     command: Any = tyro.extras.subcommand_cli_from_dict(
-        commands | {"head": cli_head.HeadCommand},
+        commands | {"head": cli_head.HeadCommand} | cli_trade_off.COMMANDS,
         prog="hmdjit",
         description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
@@ -95,6 +95,12 @@ def run(arguments: Sequence[str]) -> int:
             return _apply(command, console)
         if isinstance(command, cli_head.HeadCommand):
             cli_head.run(command.command, console)
+            return OK
+        if isinstance(command, cli_trade_off.TradeOffCommand):
+            cli_trade_off.measure(command, console)
+            return OK
+        if isinstance(command, cli_trade_off.PickCommand):
+            cli_trade_off.pick(command, console)
             return OK
         return _study(command, console)
     except KeyboardInterrupt:
