@@ -32,6 +32,7 @@ from .estimators import (
     sessions_needed,
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
+from .measuring import placed
 from .sessions import Batch, Sessions
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ class Until:
         if self._controls is not None:
             self._tell(0, 1, f"{name}: statistics", "")
             statistics = self._controls.statistics(texture)
-        measure = _Measure(self, name, texture, statistics)
+        measure = _Measure(self, name, placed(texture), statistics)
         plan, slope = self._plan(name, measure)
         if self._goal.budget_s is not None:
             left = max(deadline - time.perf_counter(), 0.0)
