@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from . import _checks, color, resampling
+from . import _checks, resampling
 from ._types import Numbers, Scalar
 from .camera import Camera
 from .frame import Texture
@@ -199,7 +199,8 @@ def _tabulate(
     def slope(displacement: tuple) -> Float[Array, " cells"]:
         length, angle = displacement
         moved = read(length * jnp.cos(angle), length * jnp.sin(angle))
-        return mean(color.distance(moved, unmoved)) / length
+        # Summed over an axis, not plane by plane: each plane would be read anew.
+        return mean(jnp.sqrt(jnp.sum((moved - unmoved) ** 2, axis=0))) / length
 
     lengths = finest_px * 2.0 ** jnp.arange(octaves, dtype=dtype)
     angles = jnp.asarray(np.pi * np.arange(DIRECTIONS) / DIRECTIONS, dtype)
