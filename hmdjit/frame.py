@@ -32,6 +32,7 @@ from ._types import (
 from .camera import Camera, Region
 from .resampling import Texels
 
+SAMPLERS = ("slices", "gather", "plain", "at_rest")
 FILTERS = ("nearest", "bilinear", "catmull_rom")
 WARPS = ("homography", "affine", "shift")
 
@@ -60,8 +61,9 @@ class Reading(eqx.Module):
     """How sources are read: what there is to choose between speed and accuracy.
 
     - `sampler`: `"slices"`, fast on a CPU for pixels that move nearly alike;
-      `"gather"`, for anything: on a GPU, and for derivatives; `"at_rest"`, where
-      nothing has moved since the history was kept.
+      `"gather"`, for anything, as on a GPU; `"plain"`, the same without a boundary to
+      fusion, for derivatives; `"at_rest"`, where nothing has moved since the history
+      was kept.
     - `texture_filter`: `"nearest"`, `"bilinear"` or `"catmull_rom"` between texels.
     - `history_filter`: the same between displayed pixels. Not an approximation but a
       part of the modelled device: a sharper one changes MTCD by several percent.
@@ -76,7 +78,7 @@ class Reading(eqx.Module):
     warp: str = eqx.field(static=True, default="homography")
 
     def __check_init__(self):
-        _checks.one_of("sampler", self.sampler, ("slices", "gather", "at_rest"))
+        _checks.one_of("sampler", self.sampler, SAMPLERS)
         _checks.one_of("texture_filter", self.texture_filter, FILTERS)
         _checks.one_of("history_filter", self.history_filter, FILTERS)
         _checks.one_of("warp", self.warp, WARPS)
@@ -172,7 +174,7 @@ class Displacement(eqx.Module):
         return span if self.sample_px is None else span + self.sample_px[None]
 
     def _exact_span(self) -> Float[Array, "2 2"]:
-        """What `span` is without approximation."""
+        """Return `span` without approximation."""
         region = self.region
         if self.sample_px is None:
             return pinhole.displacement_range(self.camera, region, self.rotation)
@@ -310,8 +312,8 @@ class Texture(eqx.Module):
         cls, color: Picture, supersampled: Picture, oversampling: int, margin_px: int
     ) -> "Texture":
         """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel."""
-        stored = (resampling.texels(p, oversampling) for p in (color, supersampled))
-        return cls(*stored, margin_px)
+        of_color = resampling.texels(color, oversampling)
+        return cls(of_color, resampling.texels(supersampled, oversampling), margin_px)
 
     @property
     def oversampling(self) -> int:
@@ -369,6 +371,10 @@ def _read(
         read_with = getattr(resampling, filter_)
         return read_with(texels, x, y, *offset()).astype(rotation.dtype)
 
+    if displacement.reading.sampler == "plain":
+        # Under `vmap` the condition would be one per run, and JAX cannot transpose the
+        # tangents of such a conditional.
+        return read()
     unknown = (channels, region.height, region.width)
     return jax.lax.cond(
         jnp.isfinite(rotation).all(),

@@ -440,12 +440,12 @@ def test_sources_are_read_through_their_own_filter(rng, filter_):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("sampler", "slice", "one of slices, gather, at_rest, got 'slice'. Did you"),
+        ("sampler", "slice", "one of slices, .*, got 'slice'. Did you mean 'slices'"),
         ("texture_filter", "cubic", "one of nearest, bilinear, catmull_rom, got 'cu"),
         ("history_filter", "Bilinear", "one of .*, got 'Bilinear'. Did you mean 'bil"),
         ("warp", "", "one of homography, affine, shift, got ''.$"),
         ("warp", None, "one of homography, affine, shift, got None.$"),
-        ("sampler", 3, "one of slices, gather, at_rest, got 3.$"),
+        ("sampler", 3, "one of slices, gather, plain, at_rest, got 3.$"),
     ],
 )
 def test_a_reading_that_there_is_not_is_refused(untyped, field, value, message):
