@@ -142,11 +142,15 @@ def _study(command: Any, console: rich.console.Console) -> int:
         options, head_movement = definition.read_toml(command.definition)
     options = definition.merged(options, definition.Options(**said))
     study = definition.build(options, head_movement)
+    goal = definition.goal(options, study)
     out = _make_folder(options.out or Path("hmdjit-study"))
 
     camera = study.display
     is_replay = isinstance(study.head, Replay)  # its windows are counted later
     sessions = f"{'at most ' if is_replay else ''}{study.sessions}"
+    if goal:
+        until = options.budget or f"{100 * goal['tolerance']:g} %"
+        sessions = f"(until {until})"
     head = "" if is_replay else f"{options.head or definition.HEAD}, "
     console.print(
         f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
@@ -161,7 +165,7 @@ def _study(command: Any, console: rich.console.Console) -> int:
     )
     try:
         with _Bar(console, study) as bar:
-            dataset = study.run(options.seed or 0, out=out, progress=bar)
+            dataset = study.run(options.seed or 0, out=out, progress=bar, **goal)
     except KeyboardInterrupt:
         console.print(
             "\nStopped. Finished batches are kept: run the same command to go on.",
@@ -203,6 +207,8 @@ class _Bar:
         self._bar.__exit__(*exception)
 
     def __call__(self, event: Progress) -> None:
+        if event.line:
+            self._console.print(event.line, highlight=False, soft_wrap=True)
         now = time.monotonic()
         seconds = now - self._start
         rate, left = "", ""

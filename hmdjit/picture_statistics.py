@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from . import _checks, resampling
+from . import _checks, color, resampling
 from ._types import Numbers, Scalar
 from .camera import Camera
 from .frame import Texture
@@ -63,6 +63,7 @@ class PictureStatistics(eqx.Module):
         finest_px: float = 1 / 4,
         octaves: int = 6,
         supersampled: bool = False,
+        every_px: int = 1,
     ) -> "PictureStatistics":
         """Measure a baked scene, seen from the hold pose.
 
@@ -73,6 +74,7 @@ class PictureStatistics(eqx.Module):
         - `finest_px`, `octaves`: the tabled lengths, px; up to 8 px by default, which a
           head of the fastest blended speed (25 deg/s) moves a picture at 60 Hz.
         - `supersampled`: measure the SSAA(4) reference, which SSAA(4) shows.
+        - `every_px`: measure one pixel of every so many squared; divides `cell_px`.
 
         **Errors:** `ValueError` for cells that do not divide the frame, and for lengths
         or numbers of octaves that are not positive.
@@ -85,16 +87,19 @@ class PictureStatistics(eqx.Module):
         """
         _checks.whole("cell_px", cell_px, 1)
         _checks.whole("octaves", octaves, 1)
+        _checks.whole("every_px", every_px, 1)
         _checks.in_range("finest_px", finest_px, 0, open_low=True)
+        if cell_px % every_px:
+            raise ValueError(f"every_px must divide cell_px {cell_px}, got {every_px}.")
         if camera.width_px % cell_px or camera.height_px % cell_px:
             raise ValueError(
                 "cell_px must divide the camera frame "
                 f"{camera.width_px} x {camera.height_px}, got {cell_px}."
             )
         slope_squared = _tabulate(
-            texture.supersampled if supersampled else texture.color,
+            texture.supersampled_texels if supersampled else texture.color_texels,
             camera,
-            (texture.margin_px, texture.oversampling, cell_px, octaves),
+            (texture.margin_px, texture.oversampling, cell_px, octaves, every_px),
             finest_px,
         )
         return cls(slope_squared, finest_px, cell_px, supersampled)
@@ -160,16 +165,24 @@ def _to_harmonics(dtype: jnp.dtype) -> Float[Array, "harmonics directions"]:
 
 @partial(jax.jit, static_argnames="layout")
 def _tabulate(
-    texels: Texels, camera: Camera, layout: tuple[int, int, int, int], finest_px: Scalar
+    texels: Texels, camera: Camera, layout: tuple[int, ...], finest_px: Scalar
 ) -> Float[Array, "cells octaves harmonics"]:
-    margin_px, scale, cell_px, octaves = layout
+    margin_px, scale, cell_px, octaves, every_px = layout
     width, height, dtype = camera.width_px, camera.height_px, texels.dtype
-    column = jnp.arange(width, dtype=jnp.int32)[None, :]
-    row = jnp.arange(height, dtype=jnp.int32)[:, None]
-    i, j = column.astype(dtype), row.astype(dtype)
-    # Places in a texel around its centre, from pixel to pixel.
-    place_x = jnp.mod(_R2[0] * i + _R2[1] * j, 1.0) - 0.5
-    place_y = jnp.mod(_R2[1] * i - _R2[0] * j, 1.0) - 0.5
+    i = jnp.arange(width // every_px, dtype=jnp.int32)[None, :]
+    j = jnp.arange(height // every_px, dtype=jnp.int32)[:, None]
+
+    def spread(a: float, b: float) -> Float[Array, "rows columns"]:
+        return jnp.mod(a * i.astype(dtype) + b * j.astype(dtype), 1.0)
+
+    # One pixel of each square, and its place in a texel, different ones from square to
+    # square: a regular choice would meet a regular picture always in the same phase.
+    within_x = spread(_R2[1], _R2[0]) * every_px
+    within_y = spread(-_R2[0], _R2[1] ** 2) * every_px
+    column = every_px * i + within_x.astype(jnp.int32)
+    row = every_px * j + within_y.astype(jnp.int32)
+    place_x = spread(_R2[0], _R2[1]) - 0.5
+    place_y = spread(_R2[1], -_R2[0]) - 0.5
 
     def read(x_px: Float[Array, ""], y_px: Float[Array, ""]) -> Array:
         left, top = scale * (column + margin_px), scale * (row + margin_px)
@@ -177,7 +190,8 @@ def _tabulate(
         return resampling.bilinear(texels, left, top, dx, dy)
 
     def mean(plane: Array) -> Array:
-        blocks = plane.reshape(height // cell_px, cell_px, width // cell_px, cell_px)
+        side = cell_px // every_px
+        blocks = plane.reshape(height // cell_px, side, width // cell_px, side)
         return jnp.mean(blocks, (1, 3)).reshape(-1)
 
     unmoved = read(jnp.zeros((), dtype), jnp.zeros((), dtype))
@@ -185,8 +199,7 @@ def _tabulate(
     def slope(displacement: tuple) -> Float[Array, " cells"]:
         length, angle = displacement
         moved = read(length * jnp.cos(angle), length * jnp.sin(angle))
-        distance = jnp.sqrt(jnp.sum((moved - unmoved) ** 2, axis=0))
-        return mean(distance) / length
+        return mean(color.distance(moved, unmoved)) / length
 
     lengths = finest_px * 2.0 ** jnp.arange(octaves, dtype=dtype)
     angles = jnp.asarray(np.pi * np.arange(DIRECTIONS) / DIRECTIONS, dtype)

@@ -62,9 +62,10 @@ FOLDERS = {
         ("sessions",),
         ("batches",),
         ("measuring",),
+        ("estimators", "controls"),
+        ("until",),
         ("monte_carlo",),
         ("definition",),  # reads a file into a `Study`, so it comes after it
-        ("estimators",),
         ("trade_off",),
         ("fitting",),
         ("results",),

@@ -77,7 +77,7 @@ def simulated(texture, technique, motion, cells=1):
     block = hj.Region(CELL * column, CELL * row, width, width)
     whole = hj.Region.whole(CAMERA)
     session = simulation.session
-    return session(texture, CAMERA, technique, motion, whole, block, WARMUP).mtcd
+    return session(texture, CAMERA, technique, motion, whole, block, warmup=WARMUP).mtcd
 
 
 def statistics_of(texture, **options):

@@ -7,6 +7,7 @@ the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 import dataclasses
 import difflib
 import itertools
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -59,6 +60,12 @@ class Options:
         "ID", "The technique that ratios refer to (default: msaa4, else none)."
     )
     sessions: int | None = _option("N", "Viewing sessions (default: 500).")
+    tolerance: float | None = _option(
+        "X", "Run until every mean and ratio is known within X, e.g. 0.01 (95 %)."
+    )
+    budget: str | None = _option(
+        "TIME", "Run for this long, e.g. 30s, 5m or 1h, and know what is known then."
+    )
     frames: int | None = _option("N", "Measured frames, at least 2 (default: 10).")
     warmup: int | None = _option("N", "Frames before them (default: 12).")
     tiles: int | None = _option("N", "Tiles per session (default: 2).")
@@ -90,6 +97,7 @@ _RIVALS = (
     (("tiles", "tile_size"), ("crop",), ("whole_frame",)),
     (("scenes",), ("images", "panorama")),
     (("head",), ("trace",)),
+    (("sessions",), ("tolerance",), ("budget",)),
 )
 
 
@@ -230,6 +238,9 @@ def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
     if options.crop is not None:
         return CentralCrop(options.crop)
     said = {"count": options.tiles, "size_px": options.tile_size}
+    if options.tolerance is not None or options.budget is not None:
+        # A path costs a hundredth of a tile: one tile each for more sessions.
+        said["count"] = options.tiles or 1
     return Tiles(**{name: value for name, value in said.items() if value is not None})
 
 
@@ -277,6 +288,36 @@ def _scenes(options: Options) -> dict[str, AbstractScene]:
     for name in options.scenes:
         _checks.one_of("scenes", name, everything)
     return {name: everything[name] for name in options.scenes}
+
+
+def goal(options: Options, study: Study) -> dict[str, float]:
+    """Read what the study is to run until, as `Study.run` takes it.
+
+    **Errors:** `ValueError` naming the option and the value.
+    """
+    if options.tolerance is None and options.budget is None:
+        return {}
+    wanted: dict[str, float] = {}
+    if options.tolerance is not None:
+        wanted["tolerance"] = options.tolerance
+    if options.budget is not None:
+        wanted["budget_s"] = seconds(options.budget)
+    study.goal(wanted.get("tolerance"), wanted.get("budget_s"))
+    return wanted
+
+
+def seconds(text: str) -> float:
+    """Seconds of a time like 90, 30s, 1.5m or 2h.
+
+    **Errors:** `ValueError` for anything else.
+    """
+    found = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*(s|m|min|h)?", text.strip())
+    if found is None or float(found[1]) == 0:
+        raise ValueError(
+            f"budget must be a time above 0, like 30s, 5m or 1h, got {text!r}."
+        )
+    unit = {None: 1, "s": 1, "m": 60, "min": 60, "h": 3600}[found[2]]
+    return unit * float(found[1])
 
 
 def is_head_file(head: str | Path) -> bool:

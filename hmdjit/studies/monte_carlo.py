@@ -7,6 +7,7 @@ batches are kept, so an interrupted study goes on where it stopped.
 import json
 import os
 import platform
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,24 +26,28 @@ from ..camera import Camera
 from ..frame import Texture
 from ..head_motion import HeadMotion
 from ..scenes.base import AbstractScene, bake, check_baking
+from ..simulation import Result
 from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
+from .controls import Controls, control_of
 from .intervals import GEOMETRIC_MEAN, POOLED
 from .measuring import Runner
 from .sessions import Batch, Head, Sessions
 from .tiles import Measurement, Tiles
+from .until import CHUNK, PATH_TILES, PILOT_START, Goal, Until, with_controls
 
 if TYPE_CHECKING:
     import xarray
 
-MODEL_VERSION = "2"
+MODEL_VERSION = "3"
 """Which numbers a study gives; changing any default that moves them changes this."""
 
 MOST_FAILED = 1e-3
 """Share of the sessions; a study in which more than that fail is stopped."""
 
 _PILOT_SESSIONS = 256
+_ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
 def check_seed(seed: int) -> None:
@@ -61,12 +66,14 @@ class Progress(NamedTuple):
     - `done`, `total`: session-scene-technique runs, those found on disk included.
     - `doing`: in words.
     - `fresh`: runs computed in this call, not found on disk.
+    - `line`: something to print and keep, as a plan.
     """
 
     done: int
     total: int
     doing: str
     fresh: int
+    line: str = ""
 
 
 class Study(eqx.Module):
@@ -130,6 +137,8 @@ class Study(eqx.Module):
         *,
         out: str | os.PathLike | None = None,
         batch_size: int = 256,
+        tolerance: float | None = None,
+        budget_s: float | None = None,
         progress: Callable[[Progress], None] = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
@@ -139,6 +148,9 @@ class Study(eqx.Module):
         - `seed`: session i depends only on (study, seed, i).
         - `out`: folder for `batches/` and `result.nc`; None keeps nothing.
         - `batch_size`: sessions per dispatch and file; does not change a bit.
+        - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
+          interval of every mean and every ratio within this relative half-width.
+        - `budget_s`: instead, as many as these seconds allow, compiling included.
         - `progress`: called before and after each batch.
 
         **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
@@ -149,7 +161,30 @@ class Study(eqx.Module):
         """
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
-        return _Run(self, seed, out, batch_size, progress).dataset()
+        if tolerance is None and budget_s is None:
+            return _Run(self, seed, out, batch_size, progress).dataset()
+        goal = self.goal(tolerance, budget_s)
+        return _Run(self, seed, out, CHUNK, progress).until(goal)
+
+    def goal(self, tolerance: float | None, budget_s: float | None) -> Goal:
+        """Check what a study is to run until.
+
+        **Errors:** `ValueError` for both or wrong numbers, and for recorded heads.
+        """
+        if tolerance is not None and budget_s is not None:
+            raise ValueError("tolerance and budget exclude each other: name one.")
+        if tolerance is not None:
+            _checks.in_range(
+                "tolerance", tolerance, 0, 1, open_low=True, open_high=True
+            )
+        if budget_s is not None:
+            _checks.in_range("budget, s", budget_s, 0, open_low=True)
+        if not isinstance(self.head, HeadMotion):
+            raise ValueError(
+                "tolerance and budget need a head model: recorded heads have only so "
+                "many windows."
+            )
+        return Goal(tolerance, budget_s)
 
 
 def _sessions(study: Study, seed: int, count: int) -> Sessions:
@@ -238,6 +273,77 @@ class _Run:
                     self._describe(batch, here)
         return self._gather()
 
+    def until(self, goal: Goal) -> "xarray.Dataset":
+        """Run each scene until its goal is reached."""
+        study, camera = self.study, self.study.display
+        begun = time.perf_counter()
+        runs = [technique for technique, _ in self.runs.values()]
+        places = [places for _, places in self.runs.values()]
+        baseline = [t.id for t in study.techniques].index(study.baseline)
+        length = study.warmup + study.frames
+        paths = controls = None
+        if isinstance(study.measure, Tiles):
+            side = study.measure.size_px
+            known = {fingerprint(c): c for c in map(control_of, runs)}
+            controls = Controls(
+                list(known.values()), camera, study.warmup, side, self.runner.mesh
+            )
+            cells = (camera.width_px // side) * (camera.height_px // side)
+            several = Tiles(min(PATH_TILES, cells), side)
+            paths = Sessions(self.seed, study.head, camera, several, _ENDLESS, length)
+        until = Until(
+            goal,
+            runs,
+            next(run for run, mine in enumerate(places) if baseline in mine),
+            _sessions(study, self.seed, _ENDLESS),
+            paths,
+            controls,
+            self._simulated,
+            lambda done, total, doing, line: self.tell(
+                Progress(done, total, doing, done, line)
+            ),
+        )
+        found, plans = [], []
+        for s, (name, scene) in enumerate(study.scenes.items()):
+            start = time.perf_counter()
+            left = begun + (goal.budget_s or 0.0) - start
+            self.scene_key = fingerprint(scene)
+            self.tell(Progress(0, 1, f"baking {name}", 0))
+            texture = self._bake(scene)
+            share = start + left / (len(study.scenes) - s)
+            cell, plan = until.scene(name, texture, start, share)
+            found.append(cell)
+            plans.append(plan)
+        count = max(cell.simulated.shape[1] for cell in found)
+        self.sessions = _sessions(study, self.seed, count)
+        shape = (len(study.techniques), len(study.scenes), count)
+        self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
+        self.ran = np.zeros(shape, bool)
+        self.wide, self.rotation_deg = np.zeros(count, bool), np.zeros(count)
+        for s, cell in enumerate(found):
+            size = cell.simulated.shape[1]
+            for run, mine in enumerate(places):
+                self.mtcd[mine, s, :size] = cell.simulated[run]
+                self.detail_loss[mine, s, :size] = cell.detail_loss[run]
+                self.ran[mine, s, :size] = True
+        for start in range(0, count, CHUNK):
+            batch = self.sessions.batch(start, CHUNK)
+            self._describe(batch, slice(start, start + batch.size))
+        self._stop_if_many_failed()
+        return self._gather(with_controls(found, plans, goal, places, shape))
+
+    def _simulated(
+        self, name: str, run: AbstractTechnique, texture: Texture, batch: Batch
+    ) -> Result:
+        key = fingerprint(self.identity, self.scene_key, run, batch.start, batch.size)
+        file = f"{run.id}-{name}-{batch.start}"
+        result = self.store.find(file, key)
+        if result is None:
+            result = self.runner.run(run, texture, batch)
+            if batch.start < PILOT_START:  # the pilot is timed, so it is always run
+                self.store.keep(file, key, result)
+        return result
+
     def _say(self, doing: str, done: int, fresh: int) -> None:
         self.tell(Progress(done, self.mtcd.size, doing, fresh))
 
@@ -271,7 +377,7 @@ class _Run:
                 "where it started is one cause."
             )
 
-    def _gather(self) -> "xarray.Dataset":
+    def _gather(self, controls: Mapping | None = None) -> "xarray.Dataset":
         import xarray
 
         study, camera = self.study, self.study.display
@@ -296,6 +402,10 @@ class _Run:
         )
         if self.sessions.subjects is not None:
             dataset = dataset.assign_coords(subject=("session", self.sessions.subjects))
+        if controls is not None:
+            dataset = dataset.assign(controls["variables"]).assign_attrs(
+                controls["attributes"]
+            )
         if self.out is not None:
             write_dataset(dataset, self.out / "result.nc")
         return dataset

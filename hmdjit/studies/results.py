@@ -11,13 +11,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._files import written_atomically
+from .estimators import (
+    Estimate,
+    combined,
+    control_variate,
+    figure_of_merit,
+    geometric_mean,
+    level_of_look,
+    no_ratio,
+    ratio,
+)
 from .intervals import GEOMETRIC_MEAN as GEOMETRIC_MEAN
-from .intervals import NO_PAIR, NO_SESSION
+from .intervals import NO_PAIR, NO_SESSION, Z95
 from .intervals import POOLED as POOLED
 from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
 from .intervals import mean_interval as mean_interval
 from .intervals import ratio_interval as ratio_interval
+from .until import PATH_TILES
 
 if TYPE_CHECKING:
     import xarray
@@ -52,6 +63,8 @@ class SummaryRow:
     detail_loss_standard_error: float = math.nan
     interval: str = ""
     note: str = ""
+    seconds: float = math.nan
+    figure_of_merit: float = math.nan
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(SummaryRow))
@@ -88,6 +101,8 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     clusters = None
     if "subject" in dataset.coords:
         clusters = dataset["subject"].values.astype(str)
+    if "slope" in dataset:
+        return _until_rows(dataset, techniques, scenes, mtcd, loss)
     reference = mtcd[techniques.index(baseline)]
     rows = []
     for technique, x, d in zip(techniques, mtcd, loss, strict=True):
@@ -116,6 +131,155 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
         )
         rows += [*cells, pooled, geometric]
     return rows
+
+
+def _until_rows(
+    dataset: "xarray.Dataset",
+    techniques: list[str],
+    scenes: list[str],
+    mtcd: np.ndarray,
+    loss: np.ndarray,
+) -> list[SummaryRow]:
+    """Rows of a study that ran until its goal: estimates with control variates."""
+    base = techniques.index(str(dataset.attrs["baseline"]))
+    order = ("technique", "scene", ...)
+    predicted = dataset["predicted"].transpose(*order).values.astype(float)
+    paths = dataset["predicted_elsewhere"].transpose(*order).values.astype(float)
+    slope = dataset["slope"].transpose("technique", "scene").values.astype(float)
+    looks = [int(look) for look in dataset["look"].values]
+    seconds = dataset["seconds"].values.astype(float)
+    is_timed = "budget_s" in dataset.attrs
+    z = [Z95 if is_timed else level_of_look(look) for look in looks]
+    estimates = [
+        [_estimate(mtcd, predicted, paths, slope, t, s) for s in range(len(scenes))]
+        for t in range(len(techniques))
+    ]
+    rows = []
+    for t, technique in enumerate(techniques):
+        for s, scene in enumerate(scenes):
+            done = mtcd[t, s][np.isfinite(mtcd[t, s])]
+            low, median, high = _quantiles(
+                done, predicted[t, s], paths[t, s], slope[t, s]
+            )
+            row = _until_row(
+                technique, scene, estimates[t][s], estimates[base][s], z[s]
+            )
+            detail = mean_interval(loss[t, s])
+            rows.append(
+                dataclasses.replace(
+                    row,
+                    sessions=done.size,
+                    q05=low,
+                    q50=median,
+                    q95=high,
+                    detail_loss=detail.value,
+                    detail_loss_standard_error=detail.standard_error,
+                    seconds=float(seconds[s]),
+                    figure_of_merit=figure_of_merit(estimates[t][s], float(seconds[s])),
+                )
+            )
+        share = [1 / len(scenes)] * len(scenes)
+        pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
+        row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
+        here = loss[t][:, np.isfinite(loss[t]).all(axis=0)].mean(axis=0)
+        detail = mean_interval(here)
+        cells = rows[-len(scenes) :]
+        rows.append(
+            dataclasses.replace(
+                row,
+                sessions=min(cell.sessions for cell in cells),
+                detail_loss=detail.value,
+                detail_loss_standard_error=detail.standard_error,
+                seconds=float(seconds.sum()),
+                figure_of_merit=figure_of_merit(pooled, float(seconds.sum())),
+            )
+        )
+        ratios = [
+            ratio(x, y) for x, y in zip(estimates[t], estimates[base], strict=True)
+        ]
+        having = [r for r in ratios if r is not None and r.value > 0]
+        if having:
+            every = geometric_mean(having)
+            found = every.interval(max(z), rows[-1].interval)
+            everywhere = len(having) == len(scenes)
+            note = "" if everywhere else f"over {len(having)} of {len(scenes)} scenes"
+        else:
+            found, note = no_ratio(), "no scene has a positive ratio"
+        rows.append(
+            SummaryRow(
+                technique=technique,
+                scene=GEOMETRIC_MEAN,
+                sessions=rows[-1].sessions,
+                ratio=found.value,
+                ratio_low=found.low,
+                ratio_high=found.high,
+                interval=found.method,
+                note=note,
+            )
+        )
+    return rows
+
+
+def _estimate(
+    mtcd: np.ndarray,
+    predicted: np.ndarray,
+    paths: np.ndarray,
+    slope: np.ndarray,
+    t: int,
+    s: int,
+) -> Estimate:
+    # A session that failed for one technique is left out for all: they are paired.
+    good = np.isfinite(mtcd[:, s]).all(axis=0)
+    elsewhere = paths[t, s][np.isfinite(paths[t, s])]
+    return control_variate(
+        mtcd[t, s, good], predicted[t, s, good], elsewhere, float(slope[t, s])
+    )
+
+
+def _until_row(
+    technique: str, scene: str, mean: Estimate, baseline: Estimate, z: float
+) -> SummaryRow:
+    method = f"normal, {z:.2f} standard errors"
+    found = mean.interval(z, method)
+    paired = ratio(mean, baseline)
+    against = no_ratio() if paired is None else paired.interval(z, method)
+    return SummaryRow(
+        technique=technique,
+        scene=scene,
+        sessions=0,
+        mean=found.value,
+        standard_error=found.standard_error,
+        low=found.low,
+        high=found.high,
+        ratio=against.value,
+        ratio_low=against.low,
+        ratio_high=against.high,
+        interval=method,
+        note=against.method if math.isnan(against.value) else "",
+    )
+
+
+def _quantiles(
+    simulated: np.ndarray, predicted: np.ndarray, paths: np.ndarray, slope: float
+) -> tuple[float, float, float]:
+    """Quantiles of sessions, without the spread between a frame's tiles.
+
+    A session is seen through one tile, predicted ones through `PATH_TILES`. From the
+    two spreads of the predictions follows how much is the sessions' own; by the root of
+    that share quantiles are drawn towards the mean. NaN where there is no prediction.
+    """
+    paths = paths[np.isfinite(paths)]
+    if slope == 0 or paths.size == 0:
+        flat = simulated.size and not simulated.any()
+        return (0.0, 0.0, 0.0) if flat else _NO_QUANTILES
+    one = float(np.nanvar(predicted))
+    several = float(np.var(paths))
+    own = (PATH_TILES * several - one) / (PATH_TILES - 1)
+    share = math.sqrt(min(max(own / one, 0.0), 1.0))
+    mean = float(simulated.mean())
+    low, median, high = np.quantile(simulated, [0.05, 0.5, 0.95])
+    drawn = [max(mean + share * (float(q) - mean), 0.0) for q in (low, median, high)]
+    return drawn[0], drawn[1], drawn[2]
 
 
 def _row(

@@ -1,0 +1,115 @@
+"""Control variates of a study: the small-motion theory of the tiles it measures."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+from jax.sharding import PartitionSpec as Spec
+from jaxtyping import Array, Float, Int
+
+from .. import theory
+from ..camera import Camera
+from ..frame import Motion, Texture
+from ..picture_statistics import PictureStatistics, cell_numbers
+from ..techniques import HeadMovement, NoAntialiasing
+from ..techniques.base import AbstractTechnique
+from .sessions import Batch
+
+EVERY_PX = 2
+"""Pixels that the pictures' statistics are taken from: every second row and column."""
+
+
+def control_of(technique: AbstractTechnique) -> AbstractTechnique:
+    """Return the technique whose theory moves most like what a technique shows.
+
+    Its own, where it has one; else that of what it is built on. How alike they are only
+    decides how much is gained: a control variate never biases.
+    """
+    technique = technique.on_pictures()
+    if isinstance(technique, HeadMovement):
+        return HeadMovement(
+            technique.w_min,
+            technique.w_lb,
+            technique.h_max_deg_s,
+            technique.closeness,
+            technique.weights,
+        )
+    return NoAntialiasing()
+
+
+class Controls:
+    """Predictions for a scene's tiles, and the techniques that they are of."""
+
+    def __init__(
+        self,
+        controls: Sequence[AbstractTechnique],
+        camera: Camera,
+        warmup: int,
+        tile_px: int,
+        mesh: Mesh,
+    ):
+        self.controls = tuple(controls)
+        self._camera, self._warmup = camera, warmup
+        self._tile_px, self._mesh = tile_px, mesh
+
+    def statistics(self, texture: Texture) -> PictureStatistics:
+        """Table a scene."""
+        return PictureStatistics.of(
+            texture, self._camera, cell_px=self._tile_px, every_px=EVERY_PX
+        )
+
+    def predict(
+        self, statistics: PictureStatistics, batch: Batch
+    ) -> Float[np.ndarray, "controls sessions blocks"]:
+        """MTCD of each tile by the theory of each control."""
+        cells = jax.vmap(partial(cell_numbers, self._camera, self._tile_px))(
+            batch.origins
+        )
+        count = -(-batch.size // self._mesh.size) * self._mesh.size
+        fill = np.resize(np.arange(batch.size), count)
+        motion = jax.tree.map(lambda leaf: leaf[fill], batch.motion)
+        found = [
+            _predict(
+                statistics,
+                self._camera,
+                control,
+                motion,
+                cells[fill],
+                mesh=self._mesh,
+                warmup=self._warmup,
+            )
+            for control in self.controls
+        ]
+        return np.stack([np.asarray(f)[: batch.size] for f in found])
+
+
+@partial(jax.jit, static_argnames=("mesh", "warmup"))
+def _predict(
+    statistics: PictureStatistics,
+    camera: Camera,
+    control: AbstractTechnique,
+    motion: Motion,
+    cells: Int[Array, "sessions blocks"],
+    *,
+    mesh: Mesh,
+    warmup: int,
+) -> Float[Array, "sessions blocks"]:
+    def many(statistics, camera, control, motion, cells) -> Array:
+        def one(arguments: tuple) -> Array:
+            path, cells = arguments
+            return theory.predict(
+                statistics, camera, control, path, warmup=warmup, cells=cells
+            )
+
+        return jax.lax.map(one, (motion, cells))
+
+    split, whole = Spec("sessions"), Spec()
+    return jax.shard_map(
+        many,
+        mesh=mesh,
+        in_specs=(whole, whole, whole, split, split),
+        out_specs=split,
+        check_vma=False,
+    )(statistics, camera, control, motion, cells)

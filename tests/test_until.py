@@ -1,0 +1,213 @@
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from heads import models
+
+import hmdjit as hj
+from hmdjit.studies import definition, monte_carlo, until
+from hmdjit.studies.results import summarize
+from hmdjit.studies.tiles import Tiles
+from hmdjit.techniques import Freeze, HeadMovement, NoAntialiasing
+
+HEAD = models(person_sd=0.17)["A"]
+CAMERA = hj.Camera(128, 128, 16.0, 60.0)
+NOISE = hj.scenes.power_law_noise(size=256, texels_per_deg=8.0)
+GREY = hj.scenes.power_law_noise(0.0, deviation=1e-5, size=16, name="grey")
+PAIR = (NoAntialiasing(), HeadMovement())
+
+
+def study(scenes=None, techniques=PAIR, **changes):
+    settings = {
+        "head": HEAD,
+        "camera": CAMERA,
+        "measure": Tiles(1, 16),
+        "baseline": "none",
+        "frames": 4,
+        "warmup": 3,
+        "oversampling": 1,
+    }
+    return hj.Study(scenes or {"noise": NOISE}, techniques, **settings | changes)
+
+
+def rows_of(dataset):
+    return {(row.technique, row.scene): row for row in summarize(dataset)}
+
+
+@pytest.fixture(scope="module")
+def precise():
+    """Both scenes to 5 %, with all kinds of techniques."""
+    events = []
+    scenes = {"noise": NOISE, "grey": GREY}
+    dataset = study(scenes, (*PAIR, Freeze())).run(
+        3, tolerance=0.05, progress=events.append
+    )
+    return dataset, events
+
+
+def test_every_interval_is_within_the_tolerance(precise):
+    rows = rows_of(precise[0])
+    for technique in ("none", "head_movement"):
+        row = rows[technique, "noise"]
+        assert 0 < row.high - row.low <= 2 * 0.05 * row.mean
+        assert row.ratio_high - row.ratio_low <= 2 * 0.05 * row.ratio
+    for technique in ("none", "head_movement", "freeze"):
+        # Relative to nothing there is only the floor.
+        assert rows[technique, "grey"].high <= 2 * until.FLOOR_MTCD
+        assert math.isnan(rows[technique, "grey"].ratio)
+    assert rows["freeze", "noise"].mean == rows["freeze", "noise"].high == 0
+
+
+def test_the_plan_is_told_and_kept(precise):
+    dataset, events = precise
+    lines = [event.line for event in events if event.line]
+    plans = json.loads(dataset.attrs["plan"])
+    assert [plan["scene"] for plan in plans] == ["noise", "grey"]
+    assert len(lines) == 2
+    for line, plan in zip(lines, plans, strict=True):
+        assert line.startswith(f"{plan['scene']}: {plan['estimator']}, ")
+        assert plan["looks"] >= 1
+    assert dataset.attrs["tolerance"] == 0.05
+
+
+def test_few_sessions_tell_as_much_as_many(precise):
+    ours = rows_of(precise[0])["none", "noise"]
+    many = study(sessions=1500).run(4, batch_size=until.CHUNK)
+    expected = rows_of(many)["none", "noise"]
+    error = math.hypot(ours.standard_error, expected.standard_error)
+    assert abs(ours.mean - expected.mean) < 4 * error  # false alarm 6e-5
+    ratio = rows_of(many)["head_movement", "noise"]
+    mine = rows_of(precise[0])["head_movement", "noise"]
+    spread = math.hypot(mine.ratio_high - mine.ratio, ratio.ratio_high - ratio.ratio)
+    assert abs(mine.ratio - ratio.ratio) < 2 * spread
+
+
+def test_sessions_are_those_of_any_other_study(precise):
+    dataset, _ = precise
+    same = study(sessions=until.CHUNK).run(3, batch_size=until.CHUNK)
+    ours = dataset["mtcd"].sel(technique=["none", "head_movement"], scene=["noise"])
+    np.testing.assert_array_equal(ours[..., : until.CHUNK], same["mtcd"])
+
+
+def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    expected = study().run(5, tolerance=0.1)
+    simulated = monte_carlo._Run._simulated
+    calls = []
+
+    def interrupted(self, name, run, texture, batch):
+        if batch.start < until.PILOT_START:
+            calls.append(batch.start)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return simulated(self, name, run, texture, batch)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(monte_carlo._Run, "_simulated", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            study().run(5, out=tmp_path, tolerance=0.1)
+    assert len(list(tmp_path.glob("batches/*.npz"))) == 2
+    resumed = study().run(5, out=tmp_path, tolerance=0.1)
+    count = min(resumed.sizes["session"], expected.sizes["session"])
+    # How many sessions are planned depends on how fast they went.
+    for name in ("mtcd", "detail_loss", "predicted"):
+        ours, other = (data[name][..., :count] for data in (resumed, expected))
+        np.testing.assert_array_equal(ours, other)
+
+
+def test_a_budget_ends_in_time_and_says_what_is_known_then():
+    dataset = study().run(6, budget_s=6.0)
+    assert float(dataset["seconds"].sum()) < 6.0 + 30.0  # compiling and the pilot
+    row = rows_of(dataset)["none", "noise"]
+    assert row.low < row.mean < row.high
+    assert "1.96" in row.interval
+    assert dataset.attrs["budget_s"] == 6.0
+
+
+@pytest.mark.parametrize(
+    "measure", [hj.studies.tiles.WholeFrame(), hj.studies.tiles.CentralCrop(32)]
+)
+@pytest.mark.slow
+def test_what_is_no_tile_is_simulated_plainly(measure):
+    dataset = study(measure=measure).run(0, tolerance=0.2)
+    assert json.loads(dataset.attrs["plan"])[0]["estimator"] == "tiles"
+    row = rows_of(dataset)["none", "noise"]
+    assert row.high - row.low <= 2 * 0.2 * row.mean
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance": 0.0}, r"tolerance must lie in \(0, 1\), got 0"),
+        ({"tolerance": 1.5}, r"tolerance must lie in \(0, 1\), got 1\.5"),
+        ({"tolerance": math.nan}, "tolerance must lie in .* got nan"),
+        ({"budget_s": -1.0}, r"budget, s must lie in \(0, inf\), got -1"),
+        ({"tolerance": 0.1, "budget_s": 3.0}, "exclude each other"),
+    ],
+)
+def test_wrong_goals_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        study().run(0, **options)
+
+
+def test_recorded_heads_have_no_goal():
+    trace = hj.Trace(np.arange(40) / 60, np.tile([1.0, 0, 0, 0], (40, 1)))
+    replay = study(head=hj.Replay((trace,)))
+    with pytest.raises(ValueError, match="need a head model"):
+        replay.run(0, tolerance=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("30s", 30), ("90", 90), ("1.5m", 90), ("2 min", 120), ("1h", 3600), (".5s", 0.5)],
+)
+def test_times_are_read(text, expected):
+    assert definition.seconds(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "s", "0s", "-3s", "ten", "3 days", "1e3", "nan"])
+def test_no_times_are_refused(text):
+    with pytest.raises(ValueError, match=r"budget must be a time above 0, like 30s"):
+        definition.seconds(text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [0.05, 0.02])
+def test_intervals_cover(tolerance, capsys):
+    """Of 200 replications at least 180 cover, means and ratios.
+
+    Nominal is 97.5 % (the first look) and more. At 95 % the chance of fewer than 180 of
+    200 is 0.2 %, for the six numbers here together below 1.2 %.
+    """
+    truth = rows_of(study().run(1_000_000, tolerance=tolerance / 10))
+    names = [("none", "mean"), ("head_movement", "mean"), ("head_movement", "ratio")]
+    covered = dict.fromkeys(names, 0)
+    sessions = []
+    replications = 200
+    for seed in range(replications):
+        rows = rows_of(study().run(seed, tolerance=tolerance))
+        for technique, number in names:
+            row, true = rows[technique, "noise"], truth[technique, "noise"]
+            value = getattr(true, number)
+            low = row.low if number == "mean" else row.ratio_low
+            high = row.high if number == "mean" else row.ratio_high
+            covered[technique, number] += low <= value <= high
+        sessions.append(rows["none", "noise"].sessions)
+    with capsys.disabled():
+        for name, count in covered.items():
+            print(
+                f"\n{tolerance:.0%}: {name} covered {count} of {replications}, "
+                f"{np.mean(sessions):.0f} sessions",
+                end="",
+            )
+            if count > 0.995 * replications:
+                print(" (more than 99.5 %)", end="")
+    assert min(covered.values()) >= 180
+
+
+def test_plans_read_like_a_sentence():
+    plan = until.ScenePlan("grass", "tiles", "it is cheap", 1234, 0, 5.0)
+    assert str(plan) == "grass: tiles, 1,234 sessions, 5.0 s expected (it is cheap)"
+    paths = dataclasses.replace(plan, paths=5678)
+    assert "1,234 sessions and 5,678 predicted paths" in str(paths)
