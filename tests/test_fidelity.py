@@ -79,7 +79,7 @@ def biases(scene):
 
 @jax.jit
 def _baked(texture, technique, motion, region):
-    return session(texture, CAMERA, technique, motion, region, region, 0).mtcd
+    return session(texture, CAMERA, technique, motion, region, region, warmup=0).mtcd
 
 
 @pytest.mark.slow
