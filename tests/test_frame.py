@@ -414,6 +414,18 @@ def test_inside_by_slices_is_inside_by_gathers(sample_px):
             np.testing.assert_array_equal(ours, expected)
 
 
+@pytest.mark.parametrize("reading", [SLICES, GATHER], ids=lambda r: r.sampler)
+def test_the_outermost_pixels_leave_the_frame_by_half_a_pixel(reading):
+    camera = Camera(WIDTH, HEIGHT, fov_deg=0.1)  # all pixels move alike
+    for axis, size in [(0, WIDTH), (1, HEIGHT)]:
+        for px in (-0.6, -0.4, 0.4, 0.6):
+            turn = np.zeros(3)
+            turn[axis] = px / float(camera.focal_px)
+            displacement = Displacement(camera, WHOLE, jnp.asarray(turn), None, reading)
+            is_out = ~inside(displacement)
+            assert is_out.sum() == (size if abs(px) > 0.5 else 0)
+
+
 @pytest.mark.parametrize("filter_", FILTERS)
 def test_sources_are_read_through_their_own_filter(rng, filter_):
     history, texture = kept(rng, 4), baked(rng, 2, 3)
