@@ -1,4 +1,4 @@
-"""The command line: `hmdjit study`, `hmdjit apply` and `hmdjit head`."""
+"""The command line: `hmdjit study`, `apply`, `head`, `trade-off` and `pick`."""
 
 import dataclasses
 import re
@@ -15,7 +15,7 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import cli_head, metrics, scenes, simulation, techniques
+from . import cli_head, cli_trade_off, metrics, scenes, simulation, techniques
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
@@ -84,7 +84,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
     commands: dict[str, Any] = {"study": StudyCommand, "apply": ApplyCommand}
     command: Any = tyro.extras.subcommand_cli_from_dict(
-        commands | {"head": cli_head.HeadCommand},
+        commands | {"head": cli_head.HeadCommand} | cli_trade_off.COMMANDS,
         prog="hmdjit",
         description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
@@ -95,6 +95,12 @@ def run(arguments: Sequence[str]) -> int:
             return _apply(command, console)
         if isinstance(command, cli_head.HeadCommand):
             cli_head.run(command.command, console)
+            return OK
+        if isinstance(command, cli_trade_off.TradeOffCommand):
+            cli_trade_off.measure(command, console)
+            return OK
+        if isinstance(command, cli_trade_off.PickCommand):
+            cli_trade_off.pick(command, console)
             return OK
         return _study(command, console)
     except KeyboardInterrupt:
@@ -147,14 +153,17 @@ def _study(command: Any, console: rich.console.Console) -> int:
 
     camera = study.display
     is_replay = isinstance(study.head, Replay)  # its windows are counted later
-    sessions = f"{'at most ' if is_replay else ''}{study.sessions}"
-    if goal:
-        until = options.budget or f"{100 * goal['tolerance']:g} %"
-        sessions = f"(until {until})"
+    sessions = f"{'at most ' if is_replay else ''}{study.sessions} sessions"
+    if goal.tolerance is not None:
+        sessions = (
+            f"sessions until all is known within {100 * goal.tolerance:g} %, each"
+        )
+    elif goal.budget_s is not None:
+        sessions = f"sessions for {goal.budget_s:g} s, each"
     head = "" if is_replay else f"{options.head or definition.HEAD}, "
     console.print(
         f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
-        f"{sessions} sessions of {study.warmup} + {study.frames} frames, "
+        f"{sessions} of {study.warmup} + {study.frames} frames, "
         f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
         f"{camera.refresh_hz:.4g} Hz.\n"
         f"Head: {head}{study.head}.\n"
@@ -165,7 +174,13 @@ def _study(command: Any, console: rich.console.Console) -> int:
     )
     try:
         with _Bar(console, study) as bar:
-            dataset = study.run(options.seed or 0, out=out, progress=bar, **goal)
+            dataset = study.run(
+                options.seed or 0,
+                out=out,
+                progress=bar,
+                tolerance=goal.tolerance,
+                budget_s=goal.budget_s,
+            )
     except KeyboardInterrupt:
         console.print(
             "\nStopped. Finished batches are kept: run the same command to go on.",

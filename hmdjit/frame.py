@@ -312,8 +312,8 @@ class Texture(eqx.Module):
         cls, color: Picture, supersampled: Picture, oversampling: int, margin_px: int
     ) -> "Texture":
         """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel."""
-        of_color = resampling.texels(color, oversampling)
-        return cls(of_color, resampling.texels(supersampled, oversampling), margin_px)
+        stored = resampling.texels(color, oversampling)
+        return cls(stored, resampling.texels(supersampled, oversampling), margin_px)
 
     @property
     def oversampling(self) -> int:

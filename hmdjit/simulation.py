@@ -289,8 +289,11 @@ def simulate(
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     _check_texture(texture, camera, region)
-    # A texture that was baked before brings the precision of the simulation.
-    motion = jax.tree.map(lambda leaf: leaf.astype(texture.color_texels.dtype), motion)
+    # A texture that was baked before brings the precision of the simulation, down to
+    # float32: shorter texels are only stored so.
+    stored = texture.color_texels.dtype
+    dtype = jnp.dtype(jnp.float32) if stored.itemsize < 4 else stored
+    motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)
     if not _checks.is_traced(motion.offset):
         _check_margin(texture, camera, region, motion)
     return _jitted_session(

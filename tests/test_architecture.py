@@ -36,7 +36,7 @@ LINES = [
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers
-    ("cli_head",),
+    ("cli_head", "cli_trade_off"),
     ("cli",),
     ("__main__",),
 ]
@@ -66,10 +66,14 @@ FOLDERS = {
         ("until",),
         ("monte_carlo",),
         ("definition",),  # reads a file into a `Study`, so it comes after it
+        ("settings",),
+        ("bench",),
         ("trade_off",),
+        ("trade_off_measuring", "choice"),
         ("fitting",),
         ("results",),
         ("drawing",),
+        ("trade_off_figure", "trade_off_report"),
         ("figures",),
         ("report",),
         ("head_figure",),

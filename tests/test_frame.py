@@ -415,15 +415,23 @@ def test_inside_by_slices_is_inside_by_gathers(sample_px):
 
 
 @pytest.mark.parametrize("reading", [SLICES, GATHER], ids=lambda r: r.sampler)
-def test_the_outermost_pixels_leave_the_frame_by_half_a_pixel(reading):
+@pytest.mark.parametrize(
+    ("x0", "y0", "move"),
+    [(0, 2, (-1, 0)), (6, 2, (1, 0)), (3, 0, (0, -1)), (3, 5, (0, 1))],
+    ids=["left", "right", "top", "bottom"],
+)
+def test_the_outermost_pixels_leave_the_frame_by_half_a_pixel(x0, y0, move, reading):
     camera = Camera(WIDTH, HEIGHT, fov_deg=0.1)  # all pixels move alike
-    for axis, size in [(0, WIDTH), (1, HEIGHT)]:
-        for px in (-0.6, -0.4, 0.4, 0.6):
-            turn = np.zeros(3)
-            turn[axis] = px / float(camera.focal_px)
-            displacement = Displacement(camera, WHOLE, jnp.asarray(turn), None, reading)
-            is_out = ~inside(displacement)
-            assert is_out.sum() == (size if abs(px) > 0.5 else 0)
+    region = Region(x0, y0, 4, 3)
+    for px, is_out in [(0.4, False), (0.6, True), (-0.6, False)]:
+        dx, dy = px * np.array(move) / float(camera.focal_px)
+        turn = jnp.array([-dy, -dx, 0.0])
+        displacement = Displacement(camera, region, turn, None, reading)
+        x, y = np.moveaxis(centres(region), -1, 0)
+        x, y = x + px * move[0], y + px * move[1]
+        expected = (x >= 0) & (x <= WIDTH) & (y >= 0) & (y <= HEIGHT)
+        assert (~expected).any() == is_out
+        np.testing.assert_array_equal(inside(displacement), expected)
 
 
 @pytest.mark.parametrize("filter_", FILTERS)

@@ -9,7 +9,7 @@ from heads import models
 import hmdjit as hj
 from hmdjit.studies import definition, monte_carlo, until
 from hmdjit.studies.results import summarize
-from hmdjit.studies.tiles import Tiles
+from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
 from hmdjit.techniques import Freeze, HeadMovement, NoAntialiasing
 
 HEAD = models(person_sd=0.17)["A"]
@@ -125,9 +125,7 @@ def test_a_budget_ends_in_time_and_says_what_is_known_then():
     assert dataset.attrs["budget_s"] == 6.0
 
 
-@pytest.mark.parametrize(
-    "measure", [hj.studies.tiles.WholeFrame(), hj.studies.tiles.CentralCrop(32)]
-)
+@pytest.mark.parametrize("measure", [WholeFrame(), CentralCrop(32)])
 @pytest.mark.slow
 def test_what_is_no_tile_is_simulated_plainly(measure):
     dataset = study(measure=measure).run(0, tolerance=0.2)

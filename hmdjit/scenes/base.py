@@ -178,7 +178,7 @@ def bake(
     - `oversampling`: texels per display pixel and axis: 1, 2 or 4.
     - `margin_deg`: how far the head may wander; deg, at least 0. On all four sides the
       plane extends by what the axis with the wider field of view needs for it.
-    - `dtype`: of the texels, float32 or float64.
+    - `dtype`: of the texels: float32, float64, or bfloat16, painted in float32.
 
     **Returns:** a `Texture`, its colour exact at the texels' centres, its reference the
     SSAA(4) mean over one display pixel around them.
@@ -192,9 +192,10 @@ def bake(
     margin_px = check_baking(camera, oversampling, margin_deg)
     # The name is part of the program's identity: without it, scenes share a program.
     nameless = dataclasses.replace(scene, name="")
-    colors, supersampled = _paint(
-        nameless, camera, oversampling, margin_px, jnp.dtype(dtype)
-    )
+    # Positions have too many digits for a shorter dtype than float32.
+    painted_dtype = jnp.dtype(jnp.float32 if jnp.dtype(dtype).itemsize < 4 else dtype)
+    painted = _paint(nameless, camera, oversampling, margin_px, painted_dtype)
+    colors, supersampled = (texels.astype(dtype) for texels in painted)
     return Texture(colors, supersampled, margin_px)
 
 

@@ -21,6 +21,7 @@ from ..techniques.base import AbstractTechnique
 from .monte_carlo import Study, check_seed
 from .sessions import Replay
 from .tiles import CentralCrop, Tiles, WholeFrame
+from .until import Goal
 
 TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
 HEAD = "fixating"  # people told to hold their gaze; the README says why
@@ -290,20 +291,15 @@ def _scenes(options: Options) -> dict[str, AbstractScene]:
     return {name: everything[name] for name in options.scenes}
 
 
-def goal(options: Options, study: Study) -> dict[str, float]:
-    """Read what the study is to run until, as `Study.run` takes it.
+def goal(options: Options, study: Study) -> Goal:
+    """Read what the study is to run until; by default its number of sessions.
 
     **Errors:** `ValueError` naming the option and the value.
     """
     if options.tolerance is None and options.budget is None:
-        return {}
-    wanted: dict[str, float] = {}
-    if options.tolerance is not None:
-        wanted["tolerance"] = options.tolerance
-    if options.budget is not None:
-        wanted["budget_s"] = seconds(options.budget)
-    study.goal(wanted.get("tolerance"), wanted.get("budget_s"))
-    return wanted
+        return Goal()
+    budget_s = None if options.budget is None else seconds(options.budget)
+    return study.goal(options.tolerance, budget_s)
 
 
 def seconds(text: str) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from matplotlib.transforms import Bbox
@@ -133,29 +134,36 @@ def symlog(
 
 
 def label_points(
-    figure: Figure, axes: Axes, points: list[tuple[float, float, str]], study: Drawing
+    figure: Figure,
+    axes: Axes,
+    points: list[tuple[float, float, str, str]],
+    fontsize: float = 9,
 ) -> None:
-    """Write each point's name beside it, where it covers no other name or point."""
+    """Write each point's name beside it, where it covers no other name or point.
+
+    **Arguments:** `points`: x, y, name and colour of each.
+    """
     figure.draw_without_rendering()
     renderer = FigureCanvasAgg(figure).get_renderer()
     to_pixels = axes.transData.transform
     unit = DPI / 72
-    where = [np.asarray(to_pixels((x, y))) for x, y, _ in points]
+    where = [np.asarray(to_pixels((x, y))) for x, y, *_ in points]
     taken = [Bbox((point - 7 * unit, point + 7 * unit)) for point in where]
-    for x, y, technique in points:
+    for x, y, name, colour in points:
         for distance, turn in _PLACES:
             shift = distance * np.array([math.cos(turn), math.sin(turn)])
             side = "left" if shift[0] > 1 else "right" if shift[0] < -1 else "center"
             text = axes.annotate(
-                study.label(technique),
+                name,
                 (x, y),
                 xytext=tuple(shift),
                 textcoords="offset points",
                 ha=side,
                 va="center",
-                fontsize=9,
+                fontsize=fontsize,
                 fontweight="bold",
-                color=study.colour[technique],
+                color=colour,
+                path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
                 arrowprops={"arrowstyle": "-", "lw": 0.6, "color": GREY}
                 if distance > 15
                 else None,
@@ -170,9 +178,9 @@ def label_points(
                 break
             text.remove()
         else:
-            text = axes.annotate(study.label(technique), (x, y), fontsize=9)
+            text = axes.annotate(name, (x, y), fontsize=fontsize)
             words = text.get_window_extent()
-        taken.append(words)
+        taken.append(words.padded(2 * unit))
 
 
 _PLACES = [

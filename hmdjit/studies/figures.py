@@ -319,7 +319,9 @@ def _flicker_detail(study: Drawing) -> Figure:
         color=GREY,
         arrowprops={"arrowstyle": "->", "color": GREY},
     )
-    label_points(
-        figure, axes, [(r.detail_loss, r.mean, r.technique) for r in shown], study
-    )
+    points = [
+        (row.detail_loss, row.mean, study.label(name), study.colour[name])
+        for name, row in ((row.technique, row) for row in shown)
+    ]
+    label_points(figure, axes, points)
     return figure

@@ -6,7 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
+from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Float, Int
 
@@ -38,7 +38,7 @@ class Runner:
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
         self.block = measure.block_size(camera)
-        self.mesh = Mesh(np.array(jax.devices()), ("sessions",))
+        self.mesh = _mesh()
         self._usual_halo: dict[str, int] = {}
         for technique in (t.on_pictures() for t in techniques):
             need = int(np.max(self._needed_halo(technique, pilot)))
@@ -124,6 +124,15 @@ class Runner:
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
+def _mesh() -> Mesh:
+    return Mesh(np.array(jax.devices()), ("sessions",))
+
+
+def placed(texture: Texture) -> Texture:
+    """Copy a texture to every device, or each dispatch copies it anew."""
+    return jax.device_put(texture, NamedSharding(_mesh(), Spec()))
+
+
 @partial(
     jax.jit,
     static_argnames=("mesh", "block", "halo", "warmup", "reading"),
@@ -147,30 +156,31 @@ def _measure(
     width = min(block[0] + 2 * halo, camera.width_px)
     height = min(block[1] + 2 * halo, camera.height_px)
 
-    def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
-        x0, y0 = origin
-        # The region is shifted to stay within the frame: there its edge is the frame's.
-        left = jnp.clip(x0 - halo, 0, camera.width_px - width)
-        top = jnp.clip(y0 - halo, 0, camera.height_px - height)
-        region = Region(left, top, width, height)
-        measured = Region(x0, y0, *block)
-        return session(
-            texture,
-            camera,
-            technique,
-            motion,
-            region,
-            measured,
-            warmup=warmup,
-            reading=reading,
-        )
-
-    def one_session(arguments: tuple) -> Result:
-        motion, origins = arguments
-        results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
-        return jax.tree.map(jnp.mean, results)
-
     def many(texture, camera, technique, motion, origins) -> Result:
+        def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
+            x0, y0 = origin
+            # The region is shifted to stay within the frame: there its edge is the
+            # frame's.
+            left = jnp.clip(x0 - halo, 0, camera.width_px - width)
+            top = jnp.clip(y0 - halo, 0, camera.height_px - height)
+            region = Region(left, top, width, height)
+            measured = Region(x0, y0, *block)
+            return session(
+                texture,
+                camera,
+                technique,
+                motion,
+                region,
+                measured,
+                warmup=warmup,
+                reading=reading,
+            )
+
+        def one_session(arguments: tuple) -> Result:
+            motion, origins = arguments
+            results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
+            return jax.tree.map(jnp.mean, results)
+
         return jax.lax.map(one_session, (motion, origins))
 
     split, whole = Spec("sessions"), Spec()

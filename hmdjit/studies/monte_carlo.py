@@ -32,7 +32,7 @@ from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
 from .controls import Controls, control_of
 from .intervals import GEOMETRIC_MEAN, POOLED
-from .measuring import Runner
+from .measuring import Runner, placed
 from .sessions import Batch, Head, Sessions
 from .tiles import Measurement, Tiles
 from .until import CHUNK, PATH_TILES, PILOT_START, Goal, Until, with_controls
@@ -258,7 +258,7 @@ class _Run:
                     if result is None:
                         if texture is None:
                             self._say(f"baking {name}", done, fresh)
-                            texture = self._bake(scene)
+                            texture = placed(self._bake(scene))
                         self._say(f"{name}: {technique.id}", done, fresh)
                         result = self.runner.run(technique, texture, batch)
                         self.store.keep(file, key, result)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..frame import Texture
+from ..picture_statistics import PictureStatistics
 from ..techniques import Freeze
 from .batches import fingerprint
 from .controls import Controls, control_of
@@ -31,6 +32,7 @@ from .estimators import (
     sessions_needed,
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
+from .measuring import placed
 from .sessions import Batch, Sessions
 
 if TYPE_CHECKING:
@@ -106,7 +108,7 @@ class Cell:
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """When to stop: exactly one of the two.
+    """When to stop: one of the two; neither is at a given number of sessions.
 
     - `tolerance`: half-width of the 95 % intervals of every mean and ratio, relative;
       never below `FLOOR_MTCD`.
@@ -166,7 +168,7 @@ class Until:
         if self._controls is not None:
             self._tell(0, 1, f"{name}: statistics", "")
             statistics = self._controls.statistics(texture)
-        measure = _Measure(self, name, texture, statistics)
+        measure = _Measure(self, name, placed(texture), statistics)
         plan, slope = self._plan(name, measure)
         if self._goal.budget_s is not None:
             left = max(deadline - time.perf_counter(), 0.0)
@@ -273,14 +275,20 @@ def _place(run: "AbstractTechnique", controls: Controls) -> int:
 class _Measure:
     """Simulates and predicts sessions of one scene."""
 
-    def __init__(self, owner: Until, name: str, texture: Texture, statistics: object):
+    def __init__(
+        self,
+        owner: Until,
+        name: str,
+        texture: Texture,
+        statistics: PictureStatistics | None,
+    ):
         self._owner, self._name = owner, name
         self._texture, self._statistics = texture, statistics
 
     def _predicted(self, batch: Batch) -> np.ndarray:
         """Predictions of each run, mean over tiles, `(runs, sessions)`."""
         owner = self._owner
-        if owner._controls is None:
+        if owner._controls is None or self._statistics is None:
             return np.zeros((len(owner._runs), batch.size))
         found = owner._controls.predict(self._statistics, batch).mean(axis=-1)
         none = np.zeros(batch.size)
@@ -382,7 +390,7 @@ def with_controls(
         "look": ("scene", [plan.looks for plan in plans]),
         "seconds": ("scene", [plan.spent_s for plan in plans], {"units": "s"}),
     }
-    wanted = {"tolerance": goal.tolerance, "budget_s": goal.budget_s}
-    attributes = {name: value for name, value in wanted.items() if value is not None}
+    wanted = dataclasses.asdict(goal).items()
+    attributes: dict[str, float | str] = {k: v for k, v in wanted if v is not None}
     attributes["plan"] = json.dumps([dataclasses.asdict(plan) for plan in plans])
     return {"variables": variables, "attributes": attributes}
