@@ -32,6 +32,7 @@ from ._types import (
 from .camera import Camera, Region
 from .resampling import Texels
 
+SAMPLERS = ("slices", "gather", "plain", "at_rest")
 FILTERS = ("nearest", "bilinear", "catmull_rom")
 WARPS = ("homography", "affine", "shift")
 
@@ -60,8 +61,9 @@ class Reading(eqx.Module):
     """How sources are read: what there is to choose between speed and accuracy.
 
     - `sampler`: `"slices"`, fast on a CPU for pixels that move nearly alike;
-      `"gather"`, for anything: on a GPU, and for derivatives; `"at_rest"`, where
-      nothing has moved since the history was kept.
+      `"gather"`, for anything, as on a GPU; `"plain"`, the same without a boundary to
+      fusion, for derivatives; `"at_rest"`, where nothing has moved since the history
+      was kept.
     - `texture_filter`: `"nearest"`, `"bilinear"` or `"catmull_rom"` between texels.
     - `history_filter`: the same between displayed pixels. Not an approximation but a
       part of the modelled device: a sharper one changes MTCD by several percent.
@@ -76,7 +78,7 @@ class Reading(eqx.Module):
     warp: str = eqx.field(static=True, default="homography")
 
     def __check_init__(self):
-        _checks.one_of("sampler", self.sampler, ("slices", "gather", "at_rest"))
+        _checks.one_of("sampler", self.sampler, SAMPLERS)
         _checks.one_of("texture_filter", self.texture_filter, FILTERS)
         _checks.one_of("history_filter", self.history_filter, FILTERS)
         _checks.one_of("warp", self.warp, WARPS)
@@ -369,6 +371,10 @@ def _read(
         read_with = getattr(resampling, filter_)
         return read_with(texels, x, y, *offset()).astype(rotation.dtype)
 
+    if displacement.reading.sampler == "plain":
+        # Under `vmap` the condition would be one per run, and JAX cannot transpose the
+        # tangents of such a conditional.
+        return read()
     unknown = (channels, region.height, region.width)
     return jax.lax.cond(
         jnp.isfinite(rotation).all(),

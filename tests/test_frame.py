@@ -414,6 +414,26 @@ def test_inside_by_slices_is_inside_by_gathers(sample_px):
             np.testing.assert_array_equal(ours, expected)
 
 
+@pytest.mark.parametrize("reading", [SLICES, GATHER], ids=lambda r: r.sampler)
+@pytest.mark.parametrize(
+    ("x0", "y0", "move"),
+    [(0, 2, (-1, 0)), (6, 2, (1, 0)), (3, 0, (0, -1)), (3, 5, (0, 1))],
+    ids=["left", "right", "top", "bottom"],
+)
+def test_the_outermost_pixels_leave_the_frame_by_half_a_pixel(x0, y0, move, reading):
+    camera = Camera(WIDTH, HEIGHT, fov_deg=0.1)  # all pixels move alike
+    region = Region(x0, y0, 4, 3)
+    for px, is_out in [(0.4, False), (0.6, True), (-0.6, False)]:
+        dx, dy = px * np.array(move) / float(camera.focal_px)
+        turn = jnp.array([-dy, -dx, 0.0])
+        displacement = Displacement(camera, region, turn, None, reading)
+        x, y = np.moveaxis(centres(region), -1, 0)
+        x, y = x + px * move[0], y + px * move[1]
+        expected = (x >= 0) & (x <= WIDTH) & (y >= 0) & (y <= HEIGHT)
+        assert (~expected).any() == is_out
+        np.testing.assert_array_equal(inside(displacement), expected)
+
+
 @pytest.mark.parametrize("filter_", FILTERS)
 def test_sources_are_read_through_their_own_filter(rng, filter_):
     history, texture = kept(rng, 4), baked(rng, 2, 3)
@@ -440,12 +460,12 @@ def test_sources_are_read_through_their_own_filter(rng, filter_):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("sampler", "slice", "one of slices, gather, at_rest, got 'slice'. Did you"),
+        ("sampler", "slice", "one of slices, .*, got 'slice'. Did you mean 'slices'"),
         ("texture_filter", "cubic", "one of nearest, bilinear, catmull_rom, got 'cu"),
         ("history_filter", "Bilinear", "one of .*, got 'Bilinear'. Did you mean 'bil"),
         ("warp", "", "one of homography, affine, shift, got ''.$"),
         ("warp", None, "one of homography, affine, shift, got None.$"),
-        ("sampler", 3, "one of slices, gather, at_rest, got 3.$"),
+        ("sampler", 3, "one of slices, gather, plain, at_rest, got 3.$"),
     ],
 )
 def test_a_reading_that_there_is_not_is_refused(untyped, field, value, message):

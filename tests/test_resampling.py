@@ -334,7 +334,7 @@ def at_centre(fields):
     return np.broadcast_to(np.array(CENTRE, np.int32), (len(fields), 2))
 
 
-def sweep(rng, k, dtype=float):
+def sweep(rng, k, dtype: type = np.float64):
     """Fields that move blocks across each border, by whole texels and by parts.
 
     They vary by nothing, by what each number of taps spans, and by more.
