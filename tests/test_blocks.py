@@ -13,7 +13,7 @@ import hmdjit as hj
 from hmdjit import blocks, simulation
 from hmdjit.blocks import Blocks
 from hmdjit.camera import Region
-from hmdjit.frame import GATHER, SLICES, History
+from hmdjit.frame import GATHER, SLICES, History, Reading
 from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
 
@@ -343,3 +343,18 @@ class Smoothing(Nameless):
 def test_a_stencil_is_not_cut_off_at_block_edges(rng, texture):
     by = functools.partial(measured, Smoothing(), texture, motions(rng))
     check_the_same(by(SLICES, (8, 10)), by(GATHER))
+
+
+def test_a_filter_is_in_the_programs_of_those_who_read_through_it(rng, texture):
+    motion = jax.tree.map(lambda leaf: leaf[1], motions(rng))
+
+    def program(name, **filters):
+        reading = Reading("slices", **filters)
+        run = functools.partial(simulation.session, warmup=1, reading=reading)
+        arguments = (texture, CAMERA, TECHNIQUES[name], motion, WHOLE, INNER)
+        return str(jax.make_jaxpr(run)(*arguments))
+
+    none, kim = program("none"), program("head_movement")
+    assert program("none", history_filter="nearest") == none
+    assert program("head_movement", history_filter="nearest") != kim
+    assert program("none", texture_filter="nearest") != none
