@@ -241,7 +241,7 @@ slow = functools.partial(pytest.param, marks=pytest.mark.slow)
     ("name", "limits"),
     [
         ("head_movement", [(8, 10)]),
-        ("same_pixel in linear", [(8, 10)]),
+        slow("same_pixel in linear", [(8, 10)]),
         slow("none", [UNCUT, (8, 10), (5, 7), (2, 2)]),
         slow("ssaa2", [UNCUT, (8, 10)]),
         slow("ssaa4", [UNCUT, (8, 10)]),

@@ -54,6 +54,7 @@ def test_a_study_writes_all_its_files_and_prints_its_table(tmp_path, capsys):
     assert cli.run([*SMALL, "--out", str(tmp_path / "out")]) == 0
 
 
+@pytest.mark.slow
 def test_a_definition_file_is_overridden_by_the_command_line(tmp_path):
     picture = np.tile(np.arange(64, dtype=np.uint8), (64, 1)) * 4
     PIL.Image.fromarray(picture).save(tmp_path / "ramp.png")
@@ -76,6 +77,7 @@ def test_recorded_heads_are_replayed_at_their_own_rate(tmp_path):
         assert data.attrs["refresh_hz"] == pytest.approx(72.0)
 
 
+@pytest.mark.slow
 def test_a_study_takes_a_head_by_name_or_file(tmp_path, capsys):
     head = hj.HeadMotion((0.5,) * 3, (0.1,) * 3, (0.004,) * 3)
     presets.write(tmp_path / "me.toml", head, {"source": "me"})

@@ -175,6 +175,7 @@ def test_a_batch_takes_no_longer_than_its_sessions():
     assert batch < 2 * loop
 
 
+@pytest.mark.slow
 def test_in_a_batch_a_session_has_the_same_bits(both, value):
     batch = quickly(jax.vmap(both[0]))(BATCHED)
     np.testing.assert_array_equal(batch, [value(vector) for vector in BATCHED])

@@ -106,6 +106,7 @@ def whittle_oracle(log_values, frequency_hz, power):
     return np.sum(ratio - 1 - np.log(ratio))
 
 
+@pytest.mark.slow
 def test_the_minimum_agrees_with_a_plain_whittle_fit(wander_traces):
     one_person = [
         Trace(trace.t_s, trace.world_from_head, subject="one")
