@@ -10,10 +10,23 @@ QUICK = {
     "flicker_of_heads.py": ("--sessions", "4", "--scenes", "astronaut"),
     "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
 }
+PRINTING = {"time_to_one_percent.py": ("--scenes", "noise", "--sessions", "4")}
 
 
 def test_every_example_is_run():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(QUICK)
+    assert {path.name for path in EXAMPLES.glob("*.py")} == set(QUICK) | set(PRINTING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRINTING)
+def test_examples_print_their_table(name):
+    command = [sys.executable, str(EXAMPLES / name), *PRINTING[name]]
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=600
+    )
+    row = done.stdout.splitlines()[-1].split(", ")
+    assert row[0] == "noise"
+    assert float(row[1]) > float(row[2]) > 0
 
 
 @pytest.mark.slow

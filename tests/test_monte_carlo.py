@@ -71,9 +71,7 @@ def test_results_identify_themselves(data):
     assert (data["rotation_deg"] > 0).all()
 
 
-@pytest.mark.parametrize(
-    "batch_size", [pytest.param(1, marks=pytest.mark.slow), 5]
-)
+@pytest.mark.parametrize("batch_size", [pytest.param(1, marks=pytest.mark.slow), 5])
 def test_bits_do_not_depend_on_the_batch(data, batch_size):
     again = _study().run(seed=5, batch_size=batch_size)
     xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
