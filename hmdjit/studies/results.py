@@ -18,6 +18,7 @@ from .estimators import (
     figure_of_merit,
     geometric_mean,
     level_of_look,
+    mean_of,
     no_ratio,
     ratio,
 )
@@ -181,8 +182,8 @@ def _until_rows(
         share = [1 / len(scenes)] * len(scenes)
         pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
         row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
-        here = loss[t][:, np.isfinite(loss[t]).all(axis=0)].mean(axis=0)
-        detail = mean_interval(here)
+        known = [mean_of(cell[np.isfinite(cell)]) for cell in loss[t]]
+        detail = combined(share, known)
         cells = rows[-len(scenes) :]
         rows.append(
             dataclasses.replace(

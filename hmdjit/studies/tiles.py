@@ -39,7 +39,8 @@ class Tiles(eqx.Module):
         _checks.whole("tiles size_px", self.size_px, 1)
 
     def __str__(self) -> str:
-        return f"{self.count} tiles of {self.size_px} x {self.size_px} px per session"
+        tiles = "1 tile" if self.count == 1 else f"{self.count} tiles"
+        return f"{tiles} of {self.size_px} x {self.size_px} px per session"
 
     def block_size(self, camera: Camera) -> tuple[int, int]:
         """Width and height of a measured block, px.
