@@ -230,7 +230,7 @@ def pick(command: PickCommand, console: rich.console.Console) -> None:
         _checks.in_range(
             "tolerance", command.tolerance, 0, 1, open_low=True, open_high=True
         )
-    budget = None if command.budget is None else choice.parse_seconds(command.budget)
+    budget = None if command.budget is None else definition.seconds(command.budget)
     rows = trade_off.read_csv(command.table)
     found = choice.candidates(rows, command.technique)
     if budget is not None:
@@ -255,8 +255,6 @@ def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
         bias, error = (100 * x / row.reference_mtcd for x in (row.bias, row.bias_se))
         say(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
     names = " ".join(row.technique for row in chosen.rows)
-    if first.python_fields:
-        say(f"In Python only: {first.python_fields}; the rest as options:")
     say(
         f"hmdjit study {first.identity.study_options} {first.setting_options} "
         f"--techniques {names} --sessions {chosen.sessions}"

@@ -129,7 +129,7 @@ def test_a_budget_ends_in_time_and_says_what_is_known_then():
 @pytest.mark.slow
 def test_what_is_no_tile_is_simulated_plainly(measure):
     dataset = study(measure=measure).run(0, tolerance=0.2)
-    assert json.loads(dataset.attrs["plan"])[0]["estimator"] == "tiles"
+    assert json.loads(dataset.attrs["plan"])[0]["estimator"] == "simulation"
     row = rows_of(dataset)["none", "noise"]
     assert row.high - row.low <= 2 * 0.2 * row.mean
 
@@ -154,6 +154,29 @@ def test_recorded_heads_have_no_goal():
     replay = study(head=hj.Replay((trace,)))
     with pytest.raises(ValueError, match="need a head model"):
         replay.run(0, tolerance=0.1)
+
+
+def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
+    monkeypatch.setattr(until, "MOST_SESSIONS", 100)
+    with pytest.raises(ValueError, match=r"tolerance 0\.05 would take 1.* sessions of"):
+        study().run(0, tolerance=0.05)
+
+
+def test_heads_that_leave_the_margin_stop_the_study():
+    restless = study(margin_deg=0.02)
+    with pytest.raises(
+        monte_carlo.FailedSessionsError, match=r"of 128 sessions of noise"
+    ):
+        restless.run(0, tolerance=0.1)
+
+
+def test_quantiles_are_the_sessions_own(precise):
+    rows = rows_of(precise[0])
+    row = rows["none", "noise"]
+    raw = precise[0]["mtcd"].sel(technique="none", scene="noise").values
+    low, high = np.nanquantile(raw, [0.05, 0.95])
+    assert low < row.q05 < row.q50 < row.q95 < high
+    assert rows["freeze", "noise"].q95 == 0
 
 
 @pytest.mark.parametrize(
@@ -205,7 +228,9 @@ def test_intervals_cover(tolerance, capsys):
 
 
 def test_plans_read_like_a_sentence():
-    plan = until.ScenePlan("grass", "tiles", "it is cheap", 1234, 0, 5.0)
-    assert str(plan) == "grass: tiles, 1,234 sessions, 5.0 s expected (it is cheap)"
+    plan = until.ScenePlan("grass", "simulation", "it is cheap", 1234, 0, 5.0)
+    assert (
+        str(plan) == "grass: simulation, 1,234 sessions, 5.0 s expected (it is cheap)"
+    )
     paths = dataclasses.replace(plan, paths=5678)
     assert "1,234 sessions and 5,678 predicted paths" in str(paths)

@@ -6,7 +6,6 @@ to sessions; compiling and baking are apart.
 
 import dataclasses
 import math
-import re
 from collections.abc import Iterable, Sequence
 
 from .. import _checks
@@ -54,7 +53,9 @@ def candidates(
         _checks.one_of("technique", technique, measured)
     groups: dict[str, dict[str, Row]] = {}
     for row in rows:
-        if row.technique in techniques and not row.is_other_device:
+        # What no study can be told to do is measured, but not chosen.
+        is_offered = not (row.is_other_device or row.python_fields)
+        if row.technique in techniques and is_offered:
             groups.setdefault(row.setting, {})[row.technique] = row
     return [
         tuple(group[t] for t in techniques)
@@ -133,20 +134,3 @@ def _choice(rows: tuple[Row, ...], sessions: int) -> Choice:
         for row in rows
     ]
     return Choice(rows, sessions, sessions * _cost(rows), max(bounds))
-
-
-_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "ms": 1e-3}
-
-
-def parse_seconds(text: str) -> float:
-    """Read a duration such as `10s`, `2min`, `1h` or `90`, s.
-
-    **Errors:** `ValueError` for anything else.
-    """
-    match = re.fullmatch(r"([0-9.]+(?:e-?\d+)?)\s*([a-z]*)", text.strip().lower())
-    try:
-        if match is not None and match[2] in _UNITS:
-            return float(match[1]) * _UNITS[match[2]]
-    except ValueError:
-        pass
-    raise ValueError(f"budget must be a duration such as 10s or 2min, got {text!r}.")

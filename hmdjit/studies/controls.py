@@ -24,7 +24,8 @@ EVERY_PX = 2
 def control_of(technique: AbstractTechnique) -> AbstractTechnique:
     """Return the technique whose theory moves most like what a technique shows.
 
-    Its own, where it has one; else that of what it is built on. How alike they are only
+    Its own without supersampling, for that needs no second table of the picture; or
+    that of no anti-aliasing. How alike they are only
     decides how much is gained: a control variate never biases.
     """
     technique = technique.on_pictures()
@@ -56,8 +57,9 @@ class Controls:
 
     def statistics(self, texture: Texture) -> PictureStatistics:
         """Table a scene."""
+        every = EVERY_PX if self._tile_px % EVERY_PX == 0 else 1
         return PictureStatistics.of(
-            texture, self._camera, cell_px=self._tile_px, every_px=EVERY_PX
+            texture, self._camera, cell_px=self._tile_px, every_px=every
         )
 
     def predict(

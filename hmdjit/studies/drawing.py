@@ -35,6 +35,8 @@ def footer(dataset: "xarray.Dataset") -> str:
     """Say what a picture of this study depends on, in two or three sentences."""
     a, count = dataset.attrs, dataset.sizes["session"]
     sessions = f"{count:,} session" + "s" * (count != 1)
+    if "slope" in dataset:  # a study with a goal runs as many as each scene needs
+        sessions = f"Up to {sessions} per scene"
     words = [
         f"Camera {a.get('width_px')} × {a.get('height_px')} px, "
         f"{_number(a, 'fov_deg')}° wide, {_number(a, 'refresh_hz')} Hz: "

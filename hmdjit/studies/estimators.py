@@ -1,7 +1,7 @@
 """Estimates of MTCD from few simulated sessions, and how many sessions they need.
 
-A study's mean is over sessions and over the tiles of the frame. Three estimators, in
-the order of their work for one precision:
+A study's mean is over sessions and over the tiles of the frame. Three ways to it, in
+the order of their work for one precision; a pilot chooses between the last two:
 
 - *whole frame*: every pixel of every session; only sessions vary.
 - *tiles*: a tile or two per session. A session's tiles say nearly the same of its head
@@ -65,12 +65,16 @@ class Estimate:
 
 
 def mean_of(values: Sessions, scale: float = 1.0) -> Estimate:
-    """Mean over the sessions of one sample, times a number."""
-    count = len(values)
-    value = float(values.mean())
+    """Mean over the sessions of one sample, times a number.
+
+    Sessions that failed (NaN) are left out; they keep their place, with no influence.
+    """
+    is_known = np.isfinite(values)
+    count = int(is_known.sum())
+    value = float(values[is_known].mean()) if count else math.nan
     # As a variance divides by n - 1.
-    each = scale * (values - value) / math.sqrt(count * max(count - 1, 1))
-    return Estimate(scale * value, (each,))
+    each = scale * (values - value) / math.sqrt(max(count * (count - 1), 1))
+    return Estimate(scale * value, (np.where(is_known, each, 0.0),))
 
 
 def control_variate(
@@ -165,19 +169,6 @@ def sessions_needed(
     return math.ceil(count[best]), math.ceil(count[best] * per_session[best])
 
 
-def tiles_per_session(
-    between: float, within: float, path_seconds: float, tile_seconds: float
-) -> float:
-    """Best number of tiles per session: `sqrt(within d / (between c))`.
-
-    **Arguments:** variances between sessions and between a session's tiles; seconds
-    for a session's path and for one tile.
-    """
-    if between <= 0:
-        return math.inf
-    return math.sqrt(within * path_seconds / (between * tile_seconds))
-
-
 def level_of_look(look: int) -> float:
     """Half-width, in standard errors, of the intervals at a look, counted from 1.
 
@@ -189,6 +180,6 @@ def level_of_look(look: int) -> float:
 
 
 def figure_of_merit(estimate: Estimate, seconds: float) -> float:
-    """`1 / (relative error^2 x seconds)`, 1/s: what an estimator is worth."""
+    """`1 / (relative error^2 x seconds)`, 1/s; NaN where there is no error."""
     relative = estimate.standard_error / abs(estimate.value) if estimate.value else 0.0
-    return 1 / (relative**2 * seconds) if relative and seconds else math.inf
+    return 1 / (relative**2 * seconds) if relative and seconds else math.nan

@@ -241,7 +241,10 @@ def _figure3(study: Drawing) -> Figure:
             look = {"fontsize": 8, "color": GREY, "ha": "center", "va": "bottom"}
             axes.text(index, 0, "no session", **look)
             continue
-        heights = [float(reduce(values)) for reduce in (np.max, np.mean, np.min)]
+        # Scenes count alike, however many sessions each of them has.
+        scenes = [cell[np.isfinite(cell)] for cell in study.mtcd[index]]
+        mean = float(np.mean([cell.mean() for cell in scenes if cell.size]))
+        heights = [float(values.max()), mean, float(values.min())]
         for place, mark, height in zip(places, marks, heights, strict=True):
             is_mean = mark == "mean"
             alpha = 1.0 if is_mean else 0.45

@@ -19,7 +19,14 @@ from .batches import fingerprint
 from .sessions import Batch
 from .tiles import Measurement, required_halo_px
 
+MOST_FAILED = 1e-3
+"""Share of the sessions; a study in which more than that fail is stopped."""
+
 _NEAR_PX = 32  # how far around a block its displacements are bounded
+
+
+class FailedSessionsError(RuntimeError):
+    """Too many sessions gave no finite number."""
 
 
 class Runner:

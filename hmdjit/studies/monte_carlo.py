@@ -32,7 +32,7 @@ from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
 from .controls import Controls, control_of
 from .intervals import GEOMETRIC_MEAN, POOLED
-from .measuring import Runner, placed
+from .measuring import MOST_FAILED, FailedSessionsError, Runner, placed
 from .sessions import Batch, Head, Sessions
 from .tiles import Measurement, Tiles
 from .until import CHUNK, PATH_TILES, PILOT_START, Goal, Until, with_controls
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 MODEL_VERSION = "3"
 """Which numbers a study gives; changing any default that moves them changes this."""
 
-MOST_FAILED = 1e-3
-"""Share of the sessions; a study in which more than that fail is stopped."""
-
 _PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
@@ -54,10 +51,6 @@ def check_seed(seed: int) -> None:
     """Raise unless a seed is one that does not wrap around."""
     _checks.whole("seed", seed, 0)
     _checks.in_range("seed", seed, 0, 2**32 - 1)
-
-
-class FailedSessionsError(RuntimeError):
-    """Too many sessions gave no finite number."""
 
 
 class Progress(NamedTuple):
@@ -149,12 +142,15 @@ class Study(eqx.Module):
         - `out`: folder for `batches/` and `result.nc`; None keeps nothing.
         - `batch_size`: sessions per dispatch and file; does not change a bit.
         - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
-          interval of every mean and every ratio within this relative half-width.
-        - `budget_s`: instead, as many as these seconds allow, compiling included.
+          interval of every mean and ratio of MTCD within this relative half-width, or
+          within 0.005 code values.
+        - `budget_s`: instead, as many as these seconds allow, compiling included; at
+          least 128 in each scene.
         - `progress`: called before and after each batch.
 
         **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
-        where a session failed; the attributes say what was run.
+        where a session failed, or was not needed in a scene; the attributes say what
+        was run. With a goal, `results.summarize` makes the estimates.
 
         **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
         finite number; `KeyboardInterrupt` leaves all finished batches in `out`.
@@ -300,7 +296,7 @@ class _Run:
             controls,
             self._simulated,
             lambda done, total, doing, line: self.tell(
-                Progress(done, total, doing, done, line)
+                Progress(done, total, doing, 0, line)
             ),
         )
         found, plans = [], []

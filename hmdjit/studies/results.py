@@ -29,7 +29,6 @@ from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
 from .intervals import mean_interval as mean_interval
 from .intervals import ratio_interval as ratio_interval
-from .until import PATH_TILES
 
 if TYPE_CHECKING:
     import xarray
@@ -44,7 +43,9 @@ class SummaryRow:
 
     MTCD in code values of 8 bits, detail loss in their square. `low` and `high` bound
     the mean, `q05`, `q50` and `q95` are quantiles of the sessions, `ratio` is to the
-    baseline. `interval` says how intervals were made, `note` why a number is NaN.
+    baseline. `interval` says how intervals were made, `note` why a number is NaN. Of a
+    study with a goal: `seconds` spent on the scene in this run, and
+    `1 / (relative error^2 x seconds)`.
     """
 
     technique: str
@@ -147,6 +148,7 @@ def _until_rows(
     predicted = dataset["predicted"].transpose(*order).values.astype(float)
     paths = dataset["predicted_elsewhere"].transpose(*order).values.astype(float)
     slope = dataset["slope"].transpose("technique", "scene").values.astype(float)
+    own_share = dataset["own_share"].transpose("technique", "scene").values
     looks = [int(look) for look in dataset["look"].values]
     seconds = dataset["seconds"].values.astype(float)
     is_timed = "budget_s" in dataset.attrs
@@ -159,9 +161,7 @@ def _until_rows(
     for t, technique in enumerate(techniques):
         for s, scene in enumerate(scenes):
             done = mtcd[t, s][np.isfinite(mtcd[t, s])]
-            low, median, high = _quantiles(
-                done, predicted[t, s], paths[t, s], slope[t, s]
-            )
+            low, median, high = _quantiles(done, own_share[t, s])
             row = _until_row(
                 technique, scene, estimates[t][s], estimates[base][s], z[s]
             )
@@ -182,8 +182,7 @@ def _until_rows(
         share = [1 / len(scenes)] * len(scenes)
         pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
         row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
-        known = [mean_of(cell[np.isfinite(cell)]) for cell in loss[t]]
-        detail = combined(share, known)
+        detail = combined(share, [mean_of(cell) for cell in loss[t]])
         cells = rows[-len(scenes) :]
         rows.append(
             dataclasses.replace(
@@ -229,11 +228,14 @@ def _estimate(
     t: int,
     s: int,
 ) -> Estimate:
-    # A session that failed for one technique is left out for all: they are paired.
-    good = np.isfinite(mtcd[:, s]).all(axis=0)
+    # A session that failed for one technique counts for none: they are paired.
+    failed = ~np.isfinite(mtcd[:, s]).all(axis=0)
     elsewhere = paths[t, s][np.isfinite(paths[t, s])]
     return control_variate(
-        mtcd[t, s, good], predicted[t, s, good], elsewhere, float(slope[t, s])
+        np.where(failed, np.nan, mtcd[t, s]),
+        predicted[t, s],
+        elsewhere,
+        float(slope[t, s]),
     )
 
 
@@ -260,27 +262,19 @@ def _until_row(
     )
 
 
-def _quantiles(
-    simulated: np.ndarray, predicted: np.ndarray, paths: np.ndarray, slope: float
-) -> tuple[float, float, float]:
+def _quantiles(simulated: np.ndarray, own_share: float) -> tuple[float, ...]:
     """Quantiles of sessions, without the spread between a frame's tiles.
 
-    A session is seen through one tile, predicted ones through `PATH_TILES`. From the
-    two spreads of the predictions follows how much is the sessions' own; by the root of
-    that share quantiles are drawn towards the mean. NaN where there is no prediction.
+    **Arguments:** `own_share`: how much of the variance is the sessions' own; by its
+    root quantiles are drawn towards the mean. NaN where nothing predicts it: then only
+    a technique without any flicker has quantiles.
     """
-    paths = paths[np.isfinite(paths)]
-    if slope == 0 or paths.size == 0:
-        flat = simulated.size and not simulated.any()
-        return (0.0, 0.0, 0.0) if flat else _NO_QUANTILES
-    one = float(np.nanvar(predicted))
-    several = float(np.var(paths))
-    own = (PATH_TILES * several - one) / (PATH_TILES - 1)
-    share = math.sqrt(min(max(own / one, 0.0), 1.0))
+    if simulated.size == 0 or (math.isnan(own_share) and simulated.any()):
+        return _NO_QUANTILES
     mean = float(simulated.mean())
-    low, median, high = np.quantile(simulated, [0.05, 0.5, 0.95])
-    drawn = [max(mean + share * (float(q) - mean), 0.0) for q in (low, median, high)]
-    return drawn[0], drawn[1], drawn[2]
+    share = 0.0 if math.isnan(own_share) else math.sqrt(own_share)
+    found = np.quantile(simulated, [0.05, 0.5, 0.95])
+    return tuple(max(mean + share * (float(q) - mean), 0.0) for q in found)
 
 
 def _row(

@@ -191,6 +191,10 @@ def read_csv(path: str | os.PathLike) -> list[Row]:
     try:
         with open(path, newline="", encoding="utf-8") as file:
             lines = list(csv.DictReader(file))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(
+            f"{path}: not a table of `hmdjit trade-off`: {error}."
+        ) from None
     except FileNotFoundError:
         raise ValueError(
             f"{path}: no such file: run `hmdjit trade-off` first."

@@ -32,7 +32,7 @@ from .estimators import (
     sessions_needed,
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
-from .measuring import placed
+from .measuring import MOST_FAILED, FailedSessionsError, placed
 from .sessions import Batch, Sessions
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ MOST_SESSIONS = 1 << 20
 class ScenePlan:
     """What a pilot decided for a scene, and what came of it.
 
-    - `estimator`: `"control variate"` or `"tiles"`; `why`: in words.
+    - `estimator`: `"control variate"` or `"simulation"` alone; `why`: in words.
     - `sessions`, `paths`: planned; `seconds`: expected for them.
     - `looks`, `spent_s`: it took; with baking, statistics and pilot.
     """
@@ -88,19 +88,21 @@ class Cell:
     predicted: np.ndarray  # of the same tiles
     paths: np.ndarray  # predicted elsewhere (runs, paths)
     slope: np.ndarray  # (runs,)
+    own_share: np.ndarray  # of the sessions' variance, not the tiles' (runs,)
 
     @classmethod
     def empty(cls, runs: int) -> "Cell":
         """Nothing was found yet."""
         none = np.zeros((runs, 0))
-        return cls(none, none, none, none, np.zeros(runs))
+        return cls(none, none, none, none, np.zeros(runs), np.full(runs, np.nan))
 
     def estimate(self, run: int) -> Estimate:
         """Mean MTCD of a run."""
-        good = np.isfinite(self.simulated).all(axis=0)
+        # A session that failed for one technique counts for none: they are paired.
+        failed = ~np.isfinite(self.simulated).all(axis=0)
         return control_variate(
-            self.simulated[run, good],
-            self.predicted[run, good],
+            np.where(failed, np.nan, self.simulated[run]),
+            self.predicted[run],
             self.paths[run],
             float(self.slope[run]),
         )
@@ -169,7 +171,12 @@ class Until:
             self._tell(0, 1, f"{name}: statistics", "")
             statistics = self._controls.statistics(texture)
         measure = _Measure(self, name, placed(texture), statistics)
-        plan, slope = self._plan(name, measure)
+        plan, slope, own_share = self._plan(name, measure)
+        if plan.sessions > MOST_SESSIONS:
+            raise ValueError(
+                f"tolerance {self._goal.tolerance:g} would take {plan.sessions:,} "
+                f"sessions of {name}; at most {MOST_SESSIONS:,} are run."
+            )
         if self._goal.budget_s is not None:
             left = max(deadline - time.perf_counter(), 0.0)
             scale = left / max(plan.seconds, 1e-9)
@@ -181,12 +188,15 @@ class Until:
             )
         self._tell(0, plan.sessions, name, str(plan))
         cell = Cell.empty(len(self._runs))
-        cell.slope = slope
+        cell.slope, cell.own_share = slope, own_share
         sessions, paths, look = plan.sessions, plan.paths, 0
         while True:
-            measure.add_paths(cell, paths)
             until = deadline if self._goal.budget_s is not None else math.inf
+            # However short a budget is, so much is run: less would say nothing.
+            measure.add_sessions(cell, LEAST_SESSIONS, math.inf)
+            measure.add_paths(cell, paths, until)
             measure.add_sessions(cell, sessions, until)
+            _refuse_failures(name, cell.simulated)
             look += 1
             if self._goal.budget_s is not None or self._is_reached(cell, look):
                 break
@@ -219,18 +229,33 @@ class Until:
             for estimate, floor in self.estimates(cell)
         )
 
-    def _plan(self, name: str, measure: "_Measure") -> tuple[ScenePlan, np.ndarray]:
+    def _plan(
+        self, name: str, measure: "_Measure"
+    ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
         self._tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
         simulated, predicted, session_seconds = measure.pilot()
+        _refuse_failures(name, simulated)
+        good = np.isfinite(simulated).all(axis=0)
+        simulated, predicted = simulated[:, good], predicted[:, good]
         slope = np.zeros(len(self._runs))
         for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
             if t.var() > 0:
                 slope[run] = np.cov(y, t)[0, 1] / t.var(ddof=1)
-        paths, path_seconds = measure.pilot_paths()
+        tiles, path_seconds = measure.pilot_paths()
+        paths = tiles.mean(axis=-1)
+        # The tiles of a path are drawn apart: what they have in common is its own.
+        common = [np.cov(t[:, 0], t[:, -1])[0, 1] for t in tiles]
+        spread = predicted.var(axis=1, ddof=1)
+        own_share = np.where(
+            spread > 0, common / np.where(spread > 0, spread, 1), np.nan
+        )
         z = Z95 if self._goal.budget_s is not None else level_of_look(1)
         choices = []
-        for kind, b in (("tiles", np.zeros_like(slope)), ("control variate", slope)):
+        for kind, b in (
+            ("simulation", np.zeros_like(slope)),
+            ("control variate", slope),
+        ):
             rest = simulated - b[:, None] * predicted
             needs = self._needs(z, simulated.mean(axis=1), rest, b[:, None] * paths)
             n, m = sessions_needed(needs, session_seconds, path_seconds)
@@ -245,7 +270,7 @@ class Until:
         why = f"one session takes {1e3 * session_seconds:.1f} ms" + (
             f"; {others[0]}" if others else ""
         )
-        return ScenePlan(name, kind, why, n, m, seconds), b
+        return ScenePlan(name, kind, why, n, m, seconds), b, np.clip(own_share, 0, 1)
 
     def _needs(
         self, z: float, means: np.ndarray, rest: np.ndarray, paths: np.ndarray
@@ -265,6 +290,16 @@ class Until:
             ]
             needs.append(Need(error, *spread))
         return needs
+
+
+def _refuse_failures(name: str, simulated: np.ndarray) -> None:
+    failed = 1 - np.isfinite(simulated).all(axis=0).mean()
+    if failed > MOST_FAILED:
+        raise FailedSessionsError(
+            f"{failed:.1%} of {simulated.shape[1]} sessions of {name} gave no finite "
+            f"number; at most {MOST_FAILED:.1%} may. A head that turns farther than "
+            "the margin from where it started is one cause."
+        )
 
 
 def _place(run: "AbstractTechnique", controls: Controls) -> int:
@@ -287,11 +322,14 @@ class _Measure:
 
     def _predicted(self, batch: Batch) -> np.ndarray:
         """Predictions of each run, mean over tiles, `(runs, sessions)`."""
+        return self._predicted_tiles(batch).mean(axis=-1)
+
+    def _predicted_tiles(self, batch: Batch) -> np.ndarray:
         owner = self._owner
+        none = np.zeros(batch.origins.shape[:2])
         if owner._controls is None or self._statistics is None:
-            return np.zeros((len(owner._runs), batch.size))
-        found = owner._controls.predict(self._statistics, batch).mean(axis=-1)
-        none = np.zeros(batch.size)
+            return np.stack([none] * len(owner._runs))
+        found = owner._controls.predict(self._statistics, batch)
         return np.stack([none if c is None else found[c] for c in owner._control])
 
     def _simulated(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
@@ -319,18 +357,18 @@ class _Measure:
         simulated, predicted = (
             np.concatenate(x, axis=1) for x in zip(*found, strict=True)
         )
-        good = np.isfinite(simulated).all(axis=0)
-        return simulated[:, good], predicted[:, good], seconds
+        return simulated, predicted, seconds
 
     def pilot_paths(self) -> tuple[np.ndarray, float]:
-        """Predictions for some paths, `(runs, paths)`, and seconds per path."""
+        """Predictions for some paths, `(runs, paths, tiles)`; seconds per path."""
         owner = self._owner
         if owner._paths is None:
-            return np.zeros((len(owner._runs), 2)), 0.0
+            return np.zeros((len(owner._runs), 2, 1)), 0.0
         found, seconds = np.zeros(0), 0.0
         for start in (PILOT_START, PILOT_START + PATH_CHUNK):
             begun = time.perf_counter()
-            found = self._predicted(owner._batch(owner._paths, start, PATH_CHUNK))
+            batch = owner._batch(owner._paths, start, PATH_CHUNK)
+            found = self._predicted_tiles(batch)
             seconds = (time.perf_counter() - begun) / PATH_CHUNK
         return found, seconds
 
@@ -349,10 +387,12 @@ class _Measure:
             )
         owner._tell(count, count, self._name, "")
 
-    def add_paths(self, cell: Cell, count: int) -> None:
+    def add_paths(self, cell: Cell, count: int, until: float) -> None:
         """Predict paths up to a number of them, in whole chunks."""
         owner = self._owner
         while owner._paths is not None and cell.paths.shape[1] < count:
+            if cell.paths.shape[1] and time.perf_counter() > until:
+                break
             start = PATHS_START + cell.paths.shape[1]
             found = self._predicted(owner._batch(owner._paths, start, PATH_CHUNK))
             cell.paths = np.concatenate([cell.paths, found], axis=1)
@@ -375,18 +415,20 @@ def with_controls(
     most = max(cell.paths.shape[1] for cell in cells)
     predicted = np.full(shape, np.nan)
     paths = np.full((techniques, scenes, most), np.nan)
-    slope = np.zeros((techniques, scenes))
+    slope, own_share = np.zeros((2, techniques, scenes))
     for s, cell in enumerate(cells):
         for run, mine in enumerate(places):
             predicted[mine, s, : cell.predicted.shape[1]] = cell.predicted[run]
             paths[mine, s, : cell.paths.shape[1]] = cell.paths[run]
             slope[mine, s] = cell.slope[run]
+            own_share[mine, s] = cell.own_share[run]
     cell_dims = ("technique", "scene")
     code = {"units": "code values of 255"}
     variables = {
         "predicted": ((*cell_dims, "session"), predicted, code),
         "predicted_elsewhere": ((*cell_dims, "path"), paths, code),
         "slope": (cell_dims, slope),
+        "own_share": (cell_dims, own_share),
         "look": ("scene", [plan.looks for plan in plans]),
         "seconds": ("scene", [plan.spent_s for plan in plans], {"units": "s"}),
     }
