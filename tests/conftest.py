@@ -16,6 +16,13 @@ settings.register_profile("hmdjit", deadline=None, derandomize=True, max_example
 settings.load_profile("hmdjit")
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _forget_programs():
+    """Free what a module compiled: a process may map only 65,530 pieces of memory."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def key():
     return jax.random.key(20260101)

@@ -176,14 +176,17 @@ def test_lost_frames_do_not_change_what_is_fitted(key):
         for t, w in zip(lossy, whole, strict=True)
     ]
     ours, complete = fitting.fit(lossy, order=0), fitting.fit(whole, order=0)
+    # Fewer windows are left. Errors of 8 subjects have 7 degrees of freedom, so that
+    # their squared ratio passes F(7, 7) = 18.1 for one of 9 numbers in 0.5 % of tests.
+    at_most = np.sqrt(18.1 * complete.windows / ours.windows)
     for name in ("speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"):
         error = np.array(getattr(ours.standard_error, name))
         truth = np.array(getattr(head, name))
         z = (np.array(getattr(ours.head, name)) - truth) / error
         # 9 numbers at 7 degrees of freedom: beyond 6 errors in 0.5 % of such tests.
         assert np.max(np.abs(z)) < 6
-        # Two thirds of the steps lose less than nine tenths of what is known.
-        assert np.all(error < 4 * np.array(getattr(complete.standard_error, name)))
+        whole_error = np.array(getattr(complete.standard_error, name))
+        assert np.all(error < at_most * whole_error)
 
 
 @pytest.mark.slow
