@@ -16,8 +16,8 @@ import numpy as np
 
 import hmdjit as hj
 from hmdjit.studies.intervals import Z95
-from hmdjit.studies.monte_carlo import Progress
 from hmdjit.studies.results import summarize
+from hmdjit.studies.study import Progress
 from hmdjit.studies.tiles import Tiles, WholeFrame
 
 TOLERANCE = 0.01

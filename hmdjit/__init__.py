@@ -12,13 +12,13 @@ from . import techniques as techniques
 from ._version import __version__ as __version__
 from .camera import Camera as Camera
 from .camera import Region as Region
+from .clips import apply as apply
 from .frame import Frame as Frame
 from .frame import Motion as Motion
-from .frame import Texture as Texture
 from .head_motion import HeadMotion as HeadMotion
 from .head_motion import Trace as Trace
-from .simulation import Result as Result
-from .simulation import apply as apply
+from .session import Result as Result
 from .simulation import simulate as simulate
-from .studies.monte_carlo import Study as Study
+from .sources import Texture as Texture
 from .studies.sessions import Replay as Replay
+from .studies.study import Study as Study

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ._types import Planes
 from .camera import Region
-from .frame import History
+from .sources import History
 
 LARGEST_PX = (64, 128)
 """Height and width of a block: its pictures fit a level-2 cache of 1 MiB."""

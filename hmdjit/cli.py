@@ -15,13 +15,14 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import cli_head, cli_trade_off, metrics, scenes, simulation, techniques
+from . import cli_head, cli_trade_off, clips, metrics, scenes, techniques
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
 from .studies import definition, report
-from .studies.monte_carlo import FailedSessionsError, Progress, Study
+from .studies.measuring import FailedSessionsError
 from .studies.sessions import Replay
+from .studies.study import Progress, Study
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -277,7 +278,7 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
             yield picture
 
     poses = trace.world_from_head
-    shown = simulation.stream(technique, camera, pictures(), poses)
+    shown = clips.stream(technique, camera, pictures(), poses)
     # All frames or none: they move to their folder when the last one is done.
     with tempfile.TemporaryDirectory() as scratch:
         for file, picture in zip(files, shown, strict=True):

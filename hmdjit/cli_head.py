@@ -19,8 +19,8 @@ from .head_motion.parameters import AXES
 from .head_motion.statistics import Goodness
 from .studies import head_figure, head_report
 from .studies.definition import HEAD, head_model
-from .studies.monte_carlo import check_seed
 from .studies.sessions import study_key
+from .studies.study import check_seed
 
 _RATES_HZ = (5.0, 2000.0)
 _MOST_FRAMES = 10**7

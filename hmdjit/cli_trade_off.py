@@ -22,7 +22,7 @@ from .studies import (
 from .studies import trade_off_measuring as measuring
 from .studies.choice import Choice
 from .studies.intervals import Z95
-from .studies.monte_carlo import Study
+from .studies.study import Study
 
 SCENE = "text"  # its hard edges show what textures do; photographs are their texels
 TECHNIQUE = "head_movement"

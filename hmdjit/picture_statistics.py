@@ -15,8 +15,8 @@ from jaxtyping import Array, Float, Int
 from . import _checks, resampling
 from ._types import Numbers, Scalar
 from .camera import Camera
-from .frame import Texture
 from .resampling import Texels
+from .sources import Texture
 
 DIRECTIONS = 8
 """Tabled directions, over half a circle: a picture differs as much there and back."""

@@ -6,7 +6,8 @@ from jaxtyping import Array, Float
 
 from ._types import Rgb, RotationVector
 from .camera import Camera, Region
-from .frame import GATHER, Displacement, Frame, Reading, Texture
+from .frame import GATHER, Displacement, Frame, Reading
+from .sources import Texture
 
 
 def render(

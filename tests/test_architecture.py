@@ -22,6 +22,7 @@ LINES = [
     ("color",),
     ("resampling",),
     ("frame",),
+    ("sources",),
     ("head_motion",),
     ("scenes",),
     ("rendering",),
@@ -30,7 +31,8 @@ LINES = [
     ("neighborhood", "edges"),
     ("techniques",),
     ("metrics",),
-    ("blocks",),
+    ("blocks", "clips"),
+    ("session",),
     ("simulation",),
     ("picture_statistics",),
     ("theory",),
@@ -60,10 +62,12 @@ FOLDERS = {
         ("intervals",),
         ("tiles",),
         ("sessions",),
-        ("batches",),
+        ("batches", "devices"),
         ("measuring",),
         ("estimators", "controls"),
+        ("samples",),
         ("until",),
+        ("study",),
         ("monte_carlo",),
         ("definition",),  # reads a file into a `Study`, so it comes after it
         ("settings",),
@@ -86,6 +90,7 @@ FOLDERS = {
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("head_motion.process", "head_motion.presets"): "HeadMotion.seated() and others",
     ("head_motion.process", "head_motion.fitting"): "HeadMotion.fit(), for users",
+    ("studies.study", "studies.monte_carlo"): "Study.run(), for users",
 }
 
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import hmdjit as hj
-from hmdjit.simulation import Result
+from hmdjit.session import Result
 from hmdjit.studies.batches import Store, fingerprint
 
 

@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hmdjit as hj
-from hmdjit import blocks, simulation
+from hmdjit import blocks, session
 from hmdjit.blocks import Blocks
 from hmdjit.camera import Region
-from hmdjit.frame import GATHER, SLICES, History, Reading
+from hmdjit.frame import GATHER, SLICES, Reading
+from hmdjit.sources import History
 from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
 
@@ -206,7 +207,7 @@ def measured(technique, texture, motion, reading, limit=UNCUT, region=WHOLE, par
     )
     def results(texture, camera, technique, motion, region, part):
         def one(motion):
-            result = simulation.session(
+            result = session.session(
                 texture,
                 camera,
                 technique,
@@ -350,7 +351,7 @@ def test_a_filter_is_in_the_programs_of_those_who_read_through_it(rng, texture):
 
     def program(name, **filters):
         reading = Reading("slices", **filters)
-        run = functools.partial(simulation.session, warmup=1, reading=reading)
+        run = functools.partial(session.session, warmup=1, reading=reading)
         arguments = (texture, CAMERA, TECHNIQUES[name], motion, WHOLE, INNER)
         return str(jax.make_jaxpr(run)(*arguments))
 

@@ -20,11 +20,10 @@ from hmdjit.frame import (
     WARPS,
     Displacement,
     Frame,
-    History,
     Motion,
     Reading,
-    Texture,
 )
+from hmdjit.sources import History, Texture
 
 WIDTH, HEIGHT, FOV_DEG = 10, 8, 90.0
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)

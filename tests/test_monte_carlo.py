@@ -13,7 +13,7 @@ import xarray
 import hmdjit as hj
 from hmdjit.studies import measuring, monte_carlo
 from hmdjit.studies.batches import fingerprint
-from hmdjit.studies.monte_carlo import FailedSessionsError
+from hmdjit.studies.measuring import FailedSessionsError
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
 
 CAMERA = hj.Camera(64, 64, fov_deg=8.0)  # 8 px/deg, as a headset's centre

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.spatial.transform import Rotation
 
 import hmdjit as hj
-from hmdjit import rendering, simulation
+from hmdjit import clips, rendering, session
 from hmdjit.camera import displacement_range
 from hmdjit.studies.tiles import HALO_TOLERANCE, required_halo_px
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
@@ -150,7 +150,7 @@ def test_one_compilation_serves_all_numbers_of_head_movement(rng):
     @eqx.debug.assert_max_traces(max_traces=1)
     def mtcd(technique):
         motion = hj.Motion.of(poses)
-        return simulation.session(
+        return session.session(
             texture, CAMERA, technique, motion, region, region, warmup=0
         ).mtcd
 
@@ -176,7 +176,7 @@ def program(technique, texture):
 
     def run(offset, increment):
         motion = hj.Motion(offset, increment)
-        return simulation.session(
+        return session.session(
             texture, CAMERA, technique, motion, region, region, warmup=0
         )
 
@@ -338,7 +338,7 @@ def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
     @jax.jit
     def measured(region):
         motion = hj.Motion.of(poses)
-        return simulation.session(texture, WIDE, FAR, motion, region, BLOCK, warmup=2)
+        return session.session(texture, WIDE, FAR, motion, region, BLOCK, warmup=2)
 
     ours, expected = measured(tile), measured(whole)
     # Each pixel of each frame errs by less than the tolerance, all in one direction.
@@ -485,7 +485,7 @@ def test_a_stream_shows_what_a_clip_shows(rng, technique):
     frames = rng.random((FRAMES, HEIGHT, WIDTH, 3)).astype(np.float32)
     poses = path(rng)
     expected = hj.apply(technique, CAMERA, jnp.asarray(frames), poses)
-    ours = list(simulation.stream(technique, CAMERA, iter(frames), poses))
+    ours = list(clips.stream(technique, CAMERA, iter(frames), poses))
     assert len(ours) == FRAMES
     # One program and another may fuse differently: an ulp per step, which fades.
     np.testing.assert_allclose(np.stack(ours), expected, rtol=0, atol=3e-7)
@@ -494,7 +494,7 @@ def test_a_stream_shows_what_a_clip_shows(rng, technique):
 def test_a_stream_of_one_sample_per_pixel_cannot_be_resolved(rng):
     message = "^frames must have 4 samples per pixel for ssaa2, got 1.$"
     with pytest.raises(ValueError, match=message):
-        next(simulation.stream(SSAA(2), CAMERA, iter([]), STILL))
+        next(clips.stream(SSAA(2), CAMERA, iter([]), STILL))
 
 
 # --- derivatives ---
@@ -713,7 +713,7 @@ def strip_mtcd(technique, texture, turns, *, warmup):
     region, block = hj.Region.whole(STRIP), hj.Region(16, 0, WAVE_PX, 1)
 
     def one(motion):
-        return simulation.session(
+        return session.session(
             texture, STRIP, technique, motion, region, block, warmup=warmup
         ).mtcd
 

@@ -10,8 +10,9 @@ import scipy.ndimage
 from jax.flatten_util import ravel_pytree
 
 import hmdjit as hj
-from hmdjit import simulation, theory
+from hmdjit import theory
 from hmdjit.picture_statistics import PictureStatistics, cell_numbers
+from hmdjit.session import session
 from hmdjit.studies.measuring import Runner
 from hmdjit.studies.sessions import Sessions
 from hmdjit.studies.tiles import Tiles
@@ -76,7 +77,7 @@ def simulated(texture, technique, motion, cells=1):
     row, column = (2, 2) if cells > 1 else divmod(OFF_CENTRE, columns)
     block = hj.Region(CELL * column, CELL * row, width, width)
     whole = hj.Region.whole(CAMERA)
-    session = simulation.session
+
     return session(texture, CAMERA, technique, motion, whole, block, warmup=WARMUP).mtcd
 
 

@@ -7,7 +7,7 @@ import pytest
 from heads import models
 
 import hmdjit as hj
-from hmdjit.studies import definition, monte_carlo, until
+from hmdjit.studies import definition, measuring, monte_carlo, samples, until
 from hmdjit.studies.results import summarize
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
 from hmdjit.techniques import Freeze, HeadMovement, NoAntialiasing
@@ -74,7 +74,7 @@ def test_the_plan_is_told_and_kept(precise):
 
 def test_few_sessions_tell_as_much_as_many(precise):
     ours = rows_of(precise[0])["none", "noise"]
-    many = study(sessions=1500).run(4, batch_size=until.CHUNK)
+    many = study(sessions=1500).run(4, batch_size=samples.CHUNK)
     expected = rows_of(many)["none", "noise"]
     error = math.hypot(ours.standard_error, expected.standard_error)
     assert abs(ours.mean - expected.mean) < 4 * error  # false alarm 6e-5
@@ -86,25 +86,25 @@ def test_few_sessions_tell_as_much_as_many(precise):
 
 def test_sessions_are_those_of_any_other_study(precise):
     dataset, _ = precise
-    same = study(sessions=until.CHUNK).run(3, batch_size=until.CHUNK)
+    same = study(sessions=samples.CHUNK).run(3, batch_size=samples.CHUNK)
     ours = dataset["mtcd"].sel(technique=["none", "head_movement"], scene=["noise"])
-    np.testing.assert_array_equal(ours[..., : until.CHUNK], same["mtcd"])
+    np.testing.assert_array_equal(ours[..., : samples.CHUNK], same["mtcd"])
 
 
 def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     expected = study().run(5, tolerance=0.1)
-    simulated = monte_carlo._Run._simulated
+    simulated = monte_carlo.Run._simulated
     calls = []
 
     def interrupted(self, name, run, texture, batch):
-        if batch.start < until.PILOT_START:
+        if batch.start < samples.PILOT_START:
             calls.append(batch.start)
         if len(calls) == 3:
             raise KeyboardInterrupt
         return simulated(self, name, run, texture, batch)
 
     with monkeypatch.context() as patch:
-        patch.setattr(monte_carlo._Run, "_simulated", interrupted)
+        patch.setattr(monte_carlo.Run, "_simulated", interrupted)
         with pytest.raises(KeyboardInterrupt):
             study().run(5, out=tmp_path, tolerance=0.1)
     assert len(list(tmp_path.glob("batches/*.npz"))) == 2
@@ -165,7 +165,7 @@ def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
 def test_heads_that_leave_the_margin_stop_the_study():
     restless = study(margin_deg=0.02)
     with pytest.raises(
-        monte_carlo.FailedSessionsError, match=r"of 128 sessions of noise"
+        measuring.FailedSessionsError, match=r"of 128 sessions of noise"
     ):
         restless.run(0, tolerance=0.1)
 

@@ -21,8 +21,8 @@ from jaxtyping import Array, ArrayLike, DTypeLike, Float, Int, Num
 
 from .. import _checks, color, resampling
 from ..camera import Camera
-from ..frame import Texture
 from ..resampling import Texels
+from ..sources import Texture
 
 Directions = Float[Array, "3 *size"]
 Colors = Float[Array, "3 *size"]

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from .._files import written_atomically
-from ..simulation import Result
+from ..session import Result
 
 
 def fingerprint(*parts: Any) -> str:

@@ -20,13 +20,14 @@ import numpy as np
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
-from ..frame import Texture
 from ..scenes.base import bake
-from ..simulation import Result
-from .measuring import Runner, placed
-from .monte_carlo import Study
+from ..session import Result
+from ..sources import Texture
+from .devices import placed
+from .measuring import Runner
 from .sessions import Batch, Sessions
 from .settings import Case, Setting
+from .study import Study
 from .tiles import Measurement
 
 _PILOT_SESSIONS = 256

@@ -6,15 +6,16 @@ from functools import partial
 import jax
 import numpy as np
 from jax.sharding import Mesh
-from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Float, Int
 
 from .. import theory
 from ..camera import Camera
-from ..frame import Motion, Texture
+from ..frame import Motion
 from ..picture_statistics import PictureStatistics, cell_numbers
+from ..sources import Texture
 from ..techniques import HeadMovement, NoAntialiasing
 from ..techniques.base import AbstractTechnique
+from .devices import over_sessions
 from .sessions import Batch
 
 EVERY_PX = 2
@@ -25,8 +26,8 @@ def control_of(technique: AbstractTechnique) -> AbstractTechnique:
     """Return the technique whose theory moves most like what a technique shows.
 
     Its own without supersampling, for that needs no second table of the picture; or
-    that of no anti-aliasing. How alike they are only
-    decides how much is gained: a control variate never biases.
+    that of no anti-aliasing. How alike they are only decides how much is gained: a
+    control variate never biases.
     """
     technique = technique.on_pictures()
     if isinstance(technique, HeadMovement):
@@ -98,20 +99,11 @@ def _predict(
     mesh: Mesh,
     warmup: int,
 ) -> Float[Array, "sessions blocks"]:
-    def many(statistics, camera, control, motion, cells) -> Array:
-        def one(arguments: tuple) -> Array:
-            path, cells = arguments
-            return theory.predict(
-                statistics, camera, control, path, warmup=warmup, cells=cells
-            )
+    def one(shared: tuple, mine: tuple) -> Array:
+        statistics, camera, control = shared
+        path, cells = mine
+        return theory.predict(
+            statistics, camera, control, path, warmup=warmup, cells=cells
+        )
 
-        return jax.lax.map(one, (motion, cells))
-
-    split, whole = Spec("sessions"), Spec()
-    return jax.shard_map(
-        many,
-        mesh=mesh,
-        in_specs=(whole, whole, whole, split, split),
-        out_specs=split,
-        check_vma=False,
-    )(statistics, camera, control, motion, cells)
+    return over_sessions(one, (statistics, camera, control), (motion, cells), mesh)

@@ -18,8 +18,8 @@ from ..camera import Camera
 from ..head_motion import HeadMotion, Trace, presets
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
-from .monte_carlo import Study, check_seed
 from .sessions import Replay
+from .study import Study, check_seed
 from .tiles import CentralCrop, Tiles, WholeFrame
 from .until import Goal
 

@@ -3,7 +3,8 @@
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from matplotlib.transforms import Bbox
 
+from .._files import written_atomically
 from .results import SummaryRow
 
 if TYPE_CHECKING:
@@ -29,6 +31,15 @@ PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
 _COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255"]
 _DASHES = ["-", (0, (5, 2)), (0, (1, 1.2))]
 _MARKERS = ["o", "s", "D", "^", "v", "P", "X"]
+
+
+def save(figure: Figure, path: Path, **options: Any) -> Path:
+    """Save a figure as PNG, whole or not at all, and return its path."""
+    with written_atomically(path) as unfinished:
+        figure.savefig(
+            unfinished, format="png", dpi=DPI, metadata={"Software": None}, **options
+        )
+    return path
 
 
 def footer(dataset: "xarray.Dataset") -> str:

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from .._files import written_atomically
-from .drawing import DPI, GREY, PAPER, SHADE, Drawing, label_points, symlog, ticks
+from .drawing import GREY, PAPER, SHADE, Drawing, label_points, save, symlog, ticks
 from .intervals import Z95
 from .results import GEOMETRIC_MEAN, POOLED, SummaryRow
 
@@ -45,19 +44,11 @@ def write_figures(
         "figure3.png": _figure3,
         "flicker_detail.png": _flicker_detail,
     }
-    study, paths = Drawing(dataset, rows), []
-    for name, draw in drawings.items():
-        figure = draw(study)
-        with written_atomically(Path(folder) / name) as unfinished:
-            figure.savefig(
-                unfinished,
-                format="png",
-                dpi=DPI,
-                bbox_inches="tight",
-                metadata={"Software": None},
-            )
-        paths.append(Path(folder) / name)
-    return paths
+    study = Drawing(dataset, rows)
+    return [
+        save(draw(study), Path(folder) / name, bbox_inches="tight")
+        for name, draw in drawings.items()
+    ]
 
 
 def _distributions(study: Drawing) -> Figure:

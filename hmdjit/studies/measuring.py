@@ -6,16 +6,17 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding
-from jax.sharding import PartitionSpec as Spec
+from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
-from ..frame import Motion, Reading, Texture
-from ..simulation import Result, fastest_reading, session
+from ..frame import Motion, Reading
+from ..session import Result, fastest_reading, session
+from ..sources import Texture
 from ..techniques.base import AbstractTechnique
 from .batches import fingerprint
+from .devices import mesh, over_sessions
 from .sessions import Batch
 from .tiles import Measurement, required_halo_px
 
@@ -45,7 +46,7 @@ class Runner:
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
         self.block = measure.block_size(camera)
-        self.mesh = _mesh()
+        self.mesh = mesh()
         self._usual_halo: dict[str, int] = {}
         for technique in (t.on_pictures() for t in techniques):
             need = int(np.max(self._needed_halo(technique, pilot)))
@@ -131,15 +132,6 @@ class Runner:
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
-def _mesh() -> Mesh:
-    return Mesh(np.array(jax.devices()), ("sessions",))
-
-
-def placed(texture: Texture) -> Texture:
-    """Copy a texture to every device, or each dispatch copies it anew."""
-    return jax.device_put(texture, NamedSharding(_mesh(), Spec()))
-
-
 @partial(
     jax.jit,
     static_argnames=("mesh", "block", "halo", "warmup", "reading"),
@@ -163,41 +155,32 @@ def _measure(
     width = min(block[0] + 2 * halo, camera.width_px)
     height = min(block[1] + 2 * halo, camera.height_px)
 
-    def many(texture, camera, technique, motion, origins) -> Result:
-        def one_block(motion: Motion, origin: Int[Array, "2"]) -> Result:
+    def one_session(shared: tuple, mine: tuple) -> Result:
+        texture, camera, technique = shared
+        motion, origins = mine
+
+        def one_block(origin: Int[Array, "2"]) -> Result:
             x0, y0 = origin
             # The region is shifted to stay within the frame: there its edge is the
             # frame's.
             left = jnp.clip(x0 - halo, 0, camera.width_px - width)
             top = jnp.clip(y0 - halo, 0, camera.height_px - height)
-            region = Region(left, top, width, height)
-            measured = Region(x0, y0, *block)
             return session(
                 texture,
                 camera,
                 technique,
                 motion,
-                region,
-                measured,
+                Region(left, top, width, height),
+                Region(x0, y0, *block),
                 warmup=warmup,
                 reading=reading,
             )
 
-        def one_session(arguments: tuple) -> Result:
-            motion, origins = arguments
-            results = jax.lax.map(lambda origin: one_block(motion, origin), origins)
-            return jax.tree.map(jnp.mean, results)
+        return jax.tree.map(jnp.mean, jax.lax.map(one_block, origins))
 
-        return jax.lax.map(one_session, (motion, origins))
-
-    split, whole = Spec("sessions"), Spec()
-    return jax.shard_map(
-        many,
-        mesh=mesh,
-        in_specs=(whole, whole, whole, split, split),
-        out_specs=split,
-        check_vma=False,
-    )(texture, camera, technique, motion, origins)
+    return over_sessions(
+        one_session, (texture, camera, technique), (motion, origins), mesh
+    )
 
 
 @partial(jax.jit, static_argnames=("block", "around_px"))

@@ -1,4 +1,4 @@
-"""A study: sessions x scenes x techniques, all techniques on the same head paths.
+"""Running a study: sessions x scenes x techniques, all on the same head paths.
 
 Sessions run in batches; a batch is the sessions of one dispatch and one file. Finished
 batches are kept, so an interrupted study goes on where it stopped.
@@ -10,32 +10,31 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .. import _checks
 from .. import camera as pinhole
 from .._files import written_atomically
 from .._version import __version__
 from ..camera import Camera
-from ..frame import Texture
-from ..head_motion import HeadMotion
-from ..scenes.base import AbstractScene, bake, check_baking
-from ..simulation import Result
+from ..scenes.base import AbstractScene, bake
+from ..session import Result
+from ..sources import Texture
 from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
 from .controls import Controls, control_of
-from .intervals import GEOMETRIC_MEAN, POOLED
-from .measuring import MOST_FAILED, FailedSessionsError, Runner, placed
-from .sessions import Batch, Head, Sessions
-from .tiles import Measurement, Tiles
-from .until import CHUNK, PATH_TILES, PILOT_START, Goal, Until, with_controls
+from .devices import placed
+from .measuring import MOST_FAILED, FailedSessionsError, Runner
+from .samples import CHUNK, PATH_TILES, PILOT_START, Sampler
+from .sessions import Batch, Sessions
+from .study import Progress, Study
+from .tiles import Tiles
+from .until import Goal, Until, with_controls
 
 if TYPE_CHECKING:
     import xarray
@@ -45,142 +44,6 @@ MODEL_VERSION = "3"
 
 _PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
-
-
-def check_seed(seed: int) -> None:
-    """Raise unless a seed is one that does not wrap around."""
-    _checks.whole("seed", seed, 0)
-    _checks.in_range("seed", seed, 0, 2**32 - 1)
-
-
-class Progress(NamedTuple):
-    """What a study is doing, told before and after each batch.
-
-    - `done`, `total`: session-scene-technique runs, those found on disk included.
-    - `doing`: in words.
-    - `fresh`: runs computed in this call, not found on disk.
-    - `line`: something to print and keep, as a plan.
-    """
-
-    done: int
-    total: int
-    doing: str
-    fresh: int
-    line: str = ""
-
-
-class Study(eqx.Module):
-    """A Monte Carlo study of flicker.
-
-    - `scenes`: by name.
-    - `techniques`: compared on the same head paths and the same blocks.
-    - `camera`: of the headset; a replay at its own rate replaces `refresh_hz`.
-    - `head`: a model, from which each session draws a person and a path, or a `Replay`.
-    - `sessions`: at least 1; a replay has at most as many as windows.
-    - `frames`: displayed frames that are measured, at least 2.
-    - `warmup`: displayed frames before them, at least 0.
-    - `measure`: tiles (unbiased for the frame), the whole frame or a central crop.
-    - `baseline`: id of the technique that ratios refer to.
-    - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
-    - `margin_deg`: how far a head may turn from where it started.
-    """
-
-    scenes: Mapping[str, AbstractScene]
-    techniques: tuple[AbstractTechnique, ...] = eqx.field(converter=tuple)
-    head: Head
-    camera: Camera = eqx.field(default_factory=Camera)
-    sessions: int = 500
-    frames: int = 10
-    warmup: int = 12
-    measure: Measurement = eqx.field(default_factory=Tiles)
-    baseline: str = "msaa4"
-    oversampling: int = 2
-    margin_deg: float = 6.0
-
-    def __check_init__(self):
-        if not self.scenes:
-            raise ValueError("scenes must name at least one scene, got none.")
-        if not self.techniques:
-            raise ValueError("techniques must name at least one technique, got none.")
-        ids = [technique.id for technique in self.techniques]
-        if len(set(ids)) < len(ids):
-            raise ValueError(
-                f"techniques must have distinct ids, got {', '.join(ids)}."
-            )
-        _checks.one_of("baseline", self.baseline, ids)
-        _checks.whole("sessions", self.sessions, 1)
-        _checks.whole("frames", self.frames, 2)
-        _checks.whole("warmup", self.warmup, 0)
-        self.measure.block_size(self.camera)
-        check_baking(self.camera, self.oversampling, self.margin_deg)
-        for name in self.scenes:
-            if name in (POOLED, GEOMETRIC_MEAN):
-                raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
-
-    @property
-    def display(self) -> Camera:
-        """The camera, at the rate that heads are replayed at."""
-        if isinstance(self.head, HeadMotion):
-            return self.camera
-        return eqx.tree_at(lambda c: c.refresh_hz, self.camera, self.head.refresh_hz)
-
-    def run(
-        self,
-        seed: int = 0,
-        *,
-        out: str | os.PathLike | None = None,
-        batch_size: int = 256,
-        tolerance: float | None = None,
-        budget_s: float | None = None,
-        progress: Callable[[Progress], None] = lambda event: None,
-    ) -> "xarray.Dataset":
-        """Run the study, or go on with it.
-
-        **Arguments:**
-
-        - `seed`: session i depends only on (study, seed, i).
-        - `out`: folder for `batches/` and `result.nc`; None keeps nothing.
-        - `batch_size`: sessions per dispatch and file; does not change a bit.
-        - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
-          interval of every mean and ratio of MTCD within this relative half-width, or
-          within 0.005 code values.
-        - `budget_s`: instead, as many as these seconds allow, compiling included; at
-          least 128 in each scene.
-        - `progress`: called before and after each batch.
-
-        **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
-        where a session failed, or was not needed in a scene; the attributes say what
-        was run. With a goal, `results.summarize` makes the estimates.
-
-        **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
-        finite number; `KeyboardInterrupt` leaves all finished batches in `out`.
-        """
-        check_seed(seed)
-        _checks.whole("batch_size", batch_size, 1)
-        if tolerance is None and budget_s is None:
-            return _Run(self, seed, out, batch_size, progress).dataset()
-        goal = self.goal(tolerance, budget_s)
-        return _Run(self, seed, out, CHUNK, progress).until(goal)
-
-    def goal(self, tolerance: float | None, budget_s: float | None) -> Goal:
-        """Check what a study is to run until.
-
-        **Errors:** `ValueError` for both or wrong numbers, and for recorded heads.
-        """
-        if tolerance is not None and budget_s is not None:
-            raise ValueError("tolerance and budget exclude each other: name one.")
-        if tolerance is not None:
-            _checks.in_range(
-                "tolerance", tolerance, 0, 1, open_low=True, open_high=True
-            )
-        if budget_s is not None:
-            _checks.in_range("budget, s", budget_s, 0, open_low=True)
-        if not isinstance(self.head, HeadMotion):
-            raise ValueError(
-                "tolerance and budget need a head model: recorded heads have only so "
-                "many windows."
-            )
-        return Goal(tolerance, budget_s)
 
 
 def _sessions(study: Study, seed: int, count: int) -> Sessions:
@@ -202,7 +65,7 @@ def _runner(study: Study, batch_size: int) -> Runner:
     )
 
 
-class _Run:
+class Run:
     """One call of `Study.run`."""
 
     def __init__(
@@ -287,10 +150,8 @@ class _Run:
             cells = (camera.width_px // side) * (camera.height_px // side)
             several = Tiles(min(PATH_TILES, cells), side)
             paths = Sessions(self.seed, study.head, camera, several, _ENDLESS, length)
-        until = Until(
-            goal,
+        sampler = Sampler(
             runs,
-            next(run for run, mine in enumerate(places) if baseline in mine),
             _sessions(study, self.seed, _ENDLESS),
             paths,
             controls,
@@ -299,6 +160,8 @@ class _Run:
                 Progress(done, total, doing, 0, line)
             ),
         )
+        base = next(run for run, mine in enumerate(places) if baseline in mine)
+        until = Until(goal, sampler, base)
         found, plans = [], []
         for s, (name, scene) in enumerate(study.scenes.items()):
             start = time.perf_counter()

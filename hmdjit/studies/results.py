@@ -14,7 +14,6 @@ from .._files import written_atomically
 from .estimators import (
     Estimate,
     combined,
-    control_variate,
     figure_of_merit,
     geometric_mean,
     level_of_look,
@@ -29,6 +28,7 @@ from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
 from .intervals import mean_interval as mean_interval
 from .intervals import ratio_interval as ratio_interval
+from .samples import Cell
 
 if TYPE_CHECKING:
     import xarray
@@ -153,10 +153,9 @@ def _until_rows(
     seconds = dataset["seconds"].values.astype(float)
     is_timed = "budget_s" in dataset.attrs
     z = [Z95 if is_timed else level_of_look(look) for look in looks]
-    estimates = [
-        [_estimate(mtcd, predicted, paths, slope, t, s) for s in range(len(scenes))]
-        for t in range(len(techniques))
-    ]
+    columns = (mtcd, loss, predicted, paths, slope, own_share)
+    cells = [Cell(*(column[:, s] for column in columns)) for s in range(len(scenes))]
+    estimates = [[cell.estimate(t) for cell in cells] for t in range(len(techniques))]
     rows = []
     for t, technique in enumerate(techniques):
         for s, scene in enumerate(scenes):
@@ -183,11 +182,10 @@ def _until_rows(
         pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
         row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
         detail = combined(share, [mean_of(cell) for cell in loss[t]])
-        cells = rows[-len(scenes) :]
         rows.append(
             dataclasses.replace(
                 row,
-                sessions=min(cell.sessions for cell in cells),
+                sessions=min(row.sessions for row in rows[-len(scenes) :]),
                 detail_loss=detail.value,
                 detail_loss_standard_error=detail.standard_error,
                 seconds=float(seconds.sum()),
@@ -218,25 +216,6 @@ def _until_rows(
             )
         )
     return rows
-
-
-def _estimate(
-    mtcd: np.ndarray,
-    predicted: np.ndarray,
-    paths: np.ndarray,
-    slope: np.ndarray,
-    t: int,
-    s: int,
-) -> Estimate:
-    # A session that failed for one technique counts for none: they are paired.
-    failed = ~np.isfinite(mtcd[:, s]).all(axis=0)
-    elsewhere = paths[t, s][np.isfinite(paths[t, s])]
-    return control_variate(
-        np.where(failed, np.nan, mtcd[t, s]),
-        predicted[t, s],
-        elsewhere,
-        float(slope[t, s]),
-    )
 
 
 def _until_row(

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from .._types import Rgb
 from ..camera import Camera
 from ..frame import Frame, Reading
-from ..simulation import fastest_reading
+from ..session import fastest_reading
 from ..techniques import SSAA
 from ..techniques.base import AbstractSpatial, AbstractTechnique
-from .monte_carlo import Study
+from .study import Study
 from .tiles import CentralCrop, Measurement, Tiles, WholeFrame
 
 REFERENCE = "reference"

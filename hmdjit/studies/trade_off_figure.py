@@ -11,8 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from .._files import written_atomically
-from .drawing import DPI, GREY, label_points
+from .drawing import DPI, GREY, label_points, save
 from .intervals import Z95
 from .settings import DEFAULT
 from .trade_off import NEGLIGIBLE, Identity, Row, front_of
@@ -36,16 +35,7 @@ def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
 
     **Errors:** `ValueError` if no row can be drawn.
     """
-    figure = draw(rows)
-    with written_atomically(path) as unfinished:
-        figure.savefig(
-            unfinished,
-            format="png",
-            dpi=DPI,
-            bbox_inches="tight",
-            metadata={"Software": None},
-        )
-    return Path(path)
+    return save(draw(rows), Path(path), bbox_inches="tight")
 
 
 def draw(rows: Sequence[Row]) -> Figure:

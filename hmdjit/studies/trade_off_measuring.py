@@ -22,10 +22,11 @@ import numpy as np
 
 from .. import _checks
 from .._version import __version__
-from ..simulation import Result
+from ..session import Result
 from .bench import Bench
-from .monte_carlo import MODEL_VERSION, Study, check_seed
+from .monte_carlo import MODEL_VERSION
 from .settings import REFERENCE, Case, Setting
+from .study import Study, check_seed
 from .trade_off import Identity, Row
 
 _AT_ONCE = 4  # programs compiled before they are timed

@@ -11,41 +11,23 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..frame import Texture
-from ..picture_statistics import PictureStatistics
-from ..techniques import Freeze
-from .batches import fingerprint
-from .controls import Controls, control_of
+from ..sources import Texture
+from .devices import placed
 from .estimators import (
     FLOOR_MTCD,
     Estimate,
     Need,
-    control_variate,
     level_of_look,
     ratio,
     sessions_needed,
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
-from .measuring import MOST_FAILED, FailedSessionsError, placed
-from .sessions import Batch, Sessions
+from .measuring import MOST_FAILED, FailedSessionsError
+from .samples import CHUNK, PILOT_SESSIONS, Cell, Sampler, SceneSampler
 
-if TYPE_CHECKING:
-    from ..techniques.base import AbstractTechnique
-
-PILOT_START, PATHS_START = 1 << 29, 1 << 30
-"""Numbers of the first pilot session and of the first predicted path."""
-
-CHUNK = 64
-"""Sessions per dispatch and file: few enough to stop soon, enough to be worth it."""
-
-PILOT_SESSIONS = 2 * CHUNK
-PATH_CHUNK, PATH_TILES = 2048, 2
 LEAST_SESSIONS = 2 * CHUNK
 """From here on means of what the control leaves over are as good as normal."""
 
@@ -79,35 +61,6 @@ class ScenePlan:
         )
 
 
-@dataclasses.dataclass
-class Cell:
-    """What was found in a scene: rows are runs (distinct techniques)."""
-
-    simulated: np.ndarray  # MTCD (runs, sessions)
-    detail_loss: np.ndarray
-    predicted: np.ndarray  # of the same tiles
-    paths: np.ndarray  # predicted elsewhere (runs, paths)
-    slope: np.ndarray  # (runs,)
-    own_share: np.ndarray  # of the sessions' variance, not the tiles' (runs,)
-
-    @classmethod
-    def empty(cls, runs: int) -> "Cell":
-        """Nothing was found yet."""
-        none = np.zeros((runs, 0))
-        return cls(none, none, none, none, np.zeros(runs), np.full(runs, np.nan))
-
-    def estimate(self, run: int) -> Estimate:
-        """Mean MTCD of a run."""
-        # A session that failed for one technique counts for none: they are paired.
-        failed = ~np.isfinite(self.simulated).all(axis=0)
-        return control_variate(
-            np.where(failed, np.nan, self.simulated[run]),
-            self.predicted[run],
-            self.paths[run],
-            float(self.slope[run]),
-        )
-
-
 @dataclasses.dataclass(frozen=True)
 class Goal:
     """When to stop: one of the two; neither is at a given number of sessions.
@@ -128,35 +81,11 @@ class Goal:
 class Until:
     """Runs the scenes of a study, each until its goal is reached.
 
-    - `runs`: distinct techniques; `baseline`: which of them ratios refer to.
-    - `simulate`: a technique, a texture and a batch to a `Result`, kept for a resume.
-    - `tell`: done, total, what is being done, and a line to print or "".
+    - `baseline`: which of the sampler's runs ratios refer to.
     """
 
-    def __init__(
-        self,
-        goal: Goal,
-        runs: "list[AbstractTechnique]",
-        baseline: int,
-        sessions: Sessions,
-        paths: Sessions | None,
-        controls: Controls | None,
-        simulate: Callable,
-        tell: Callable[[int, int, str, str], None],
-    ):
-        self._goal, self._runs, self._baseline = goal, runs, baseline
-        self._sessions, self._paths, self._controls = sessions, paths, controls
-        self._simulate, self._tell = simulate, tell
-        # Scenes share their sessions: each is drawn once.
-        self._drawn: dict[tuple[int, int], Batch] = {}
-        self._is_compiled = False
-        # Which control predicts a run; a frozen picture needs none.
-        self._control = [
-            None
-            if controls is None or isinstance(run, Freeze)
-            else _place(run, controls)
-            for run in runs
-        ]
+    def __init__(self, goal: Goal, sampler: Sampler, baseline: int):
+        self._goal, self._sampler, self._baseline = goal, sampler, baseline
 
     def scene(
         self, name: str, texture: Texture, begun: float, deadline: float
@@ -166,11 +95,11 @@ class Until:
         **Arguments:** `begun`: when work on it did; `deadline`: when a budget for it is
         spent; both as of `time.perf_counter`.
         """
-        statistics = None
-        if self._controls is not None:
-            self._tell(0, 1, f"{name}: statistics", "")
-            statistics = self._controls.statistics(texture)
-        measure = _Measure(self, name, placed(texture), statistics)
+        sampler, statistics = self._sampler, None
+        if sampler.controls is not None:
+            sampler.tell(0, 1, f"{name}: statistics", "")
+            statistics = sampler.controls.statistics(texture)
+        measure = SceneSampler(sampler, name, placed(texture), statistics)
         plan, slope, own_share = self._plan(name, measure)
         if plan.sessions > MOST_SESSIONS:
             raise ValueError(
@@ -186,8 +115,8 @@ class Until:
                 paths=int(plan.paths * scale),
                 seconds=left,
             )
-        self._tell(0, plan.sessions, name, str(plan))
-        cell = Cell.empty(len(self._runs))
+        self._sampler.tell(0, plan.sessions, name, str(plan))
+        cell = Cell.empty(len(self._sampler.runs))
         cell.slope, cell.own_share = slope, own_share
         sessions, paths, look = plan.sessions, plan.paths, 0
         while True:
@@ -206,14 +135,9 @@ class Until:
         spent = time.perf_counter() - begun
         return cell, dataclasses.replace(plan, looks=look, spent_s=spent)
 
-    def _batch(self, sessions: Sessions, start: int, size: int) -> Batch:
-        if (start, size) not in self._drawn:
-            self._drawn[start, size] = sessions.batch(start, size)
-        return self._drawn[start, size]
-
     def estimates(self, cell: Cell) -> list[tuple[Estimate, float]]:
         """Means and ratios of a scene, each with the smallest error asked of it."""
-        means = [cell.estimate(run) for run in range(len(self._runs))]
+        means = [cell.estimate(run) for run in range(len(self._sampler.runs))]
         base = means[self._baseline]
         found = [(mean, FLOOR_MTCD) for mean in means]
         for run, mean in enumerate(means):
@@ -230,15 +154,15 @@ class Until:
         )
 
     def _plan(
-        self, name: str, measure: "_Measure"
+        self, name: str, measure: SceneSampler
     ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
-        self._tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
+        self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
         simulated, predicted, session_seconds = measure.pilot()
         _refuse_failures(name, simulated)
         good = np.isfinite(simulated).all(axis=0)
         simulated, predicted = simulated[:, good], predicted[:, good]
-        slope = np.zeros(len(self._runs))
+        slope = np.zeros(len(self._sampler.runs))
         for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
             if t.var() > 0:
                 slope[run] = np.cov(y, t)[0, 1] / t.var(ddof=1)
@@ -263,7 +187,7 @@ class Until:
             n, m = max(math.ceil(1.15 * n), LEAST_SESSIONS), math.ceil(1.15 * m)
             seconds = n * session_seconds + m * path_seconds
             choices.append((seconds, kind, n, m, b))
-            if self._controls is None:
+            if self._sampler.controls is None:
                 break
         seconds, kind, n, m, b = min(choices, key=lambda choice: choice[0])
         others = [f"{c[1]} {c[0]:.1f} s" for c in choices if c[1] != kind]
@@ -277,7 +201,7 @@ class Until:
     ) -> list[Need]:
         base = self._baseline
         needs = []
-        for run in range(len(self._runs)):
+        for run in range(len(self._sampler.runs)):
             error = self._goal.error(means[run], FLOOR_MTCD) / z
             needs.append(Need(error, rest[run].var(ddof=1), paths[run].var(ddof=1)))
             if run == base or means[base] <= MIN_BASELINE_MTCD:
@@ -300,102 +224,6 @@ def _refuse_failures(name: str, simulated: np.ndarray) -> None:
             f"number; at most {MOST_FAILED:.1%} may. A head that turns farther than "
             "the margin from where it started is one cause."
         )
-
-
-def _place(run: "AbstractTechnique", controls: Controls) -> int:
-    known = [fingerprint(control) for control in controls.controls]
-    return known.index(fingerprint(control_of(run)))
-
-
-class _Measure:
-    """Simulates and predicts sessions of one scene."""
-
-    def __init__(
-        self,
-        owner: Until,
-        name: str,
-        texture: Texture,
-        statistics: PictureStatistics | None,
-    ):
-        self._owner, self._name = owner, name
-        self._texture, self._statistics = texture, statistics
-
-    def _predicted(self, batch: Batch) -> np.ndarray:
-        """Predictions of each run, mean over tiles, `(runs, sessions)`."""
-        return self._predicted_tiles(batch).mean(axis=-1)
-
-    def _predicted_tiles(self, batch: Batch) -> np.ndarray:
-        owner = self._owner
-        none = np.zeros(batch.origins.shape[:2])
-        if owner._controls is None or self._statistics is None:
-            return np.stack([none] * len(owner._runs))
-        found = owner._controls.predict(self._statistics, batch)
-        return np.stack([none if c is None else found[c] for c in owner._control])
-
-    def _simulated(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-        one = lambda run: self._owner._simulate(self._name, run, self._texture, batch)
-        if self._owner._is_compiled:
-            results = [one(run) for run in self._owner._runs]
-        else:
-            # Programs compile side by side, one per technique.
-            with ThreadPoolExecutor(len(self._owner._runs)) as pool:
-                results = list(pool.map(one, self._owner._runs))
-            self._owner._is_compiled = True
-        mtcd = np.stack([np.asarray(r.mtcd, float) for r in results])
-        return mtcd, np.stack([np.asarray(r.detail_loss, float) for r in results])
-
-    def pilot(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """MTCD, simulated and predicted, `(runs, sessions)`; seconds per session."""
-        found, seconds = [], 0.0
-        for start in range(PILOT_START, PILOT_START + PILOT_SESSIONS, CHUNK):
-            batch = self._owner._batch(self._owner._sessions, start, CHUNK)
-            self._predicted(batch)  # compiled, before the clock starts
-            begun = time.perf_counter()
-            found.append((self._simulated(batch)[0], self._predicted(batch)))
-            # The first chunk compiles: only the last one's time counts.
-            seconds = (time.perf_counter() - begun) / CHUNK
-        simulated, predicted = (
-            np.concatenate(x, axis=1) for x in zip(*found, strict=True)
-        )
-        return simulated, predicted, seconds
-
-    def pilot_paths(self) -> tuple[np.ndarray, float]:
-        """Predictions for some paths, `(runs, paths, tiles)`; seconds per path."""
-        owner = self._owner
-        if owner._paths is None:
-            return np.zeros((len(owner._runs), 2, 1)), 0.0
-        found, seconds = np.zeros(0), 0.0
-        for start in (PILOT_START, PILOT_START + PATH_CHUNK):
-            begun = time.perf_counter()
-            batch = owner._batch(owner._paths, start, PATH_CHUNK)
-            found = self._predicted_tiles(batch)
-            seconds = (time.perf_counter() - begun) / PATH_CHUNK
-        return found, seconds
-
-    def add_sessions(self, cell: Cell, count: int, until: float) -> None:
-        """Simulate sessions up to a number of them, in whole chunks."""
-        owner = self._owner
-        while cell.simulated.shape[1] < count and time.perf_counter() < until:
-            start = cell.simulated.shape[1]
-            owner._tell(start, count, self._name, "")
-            batch = owner._batch(owner._sessions, start, CHUNK)
-            mtcd, loss = self._simulated(batch)
-            cell.simulated = np.concatenate([cell.simulated, mtcd], axis=1)
-            cell.detail_loss = np.concatenate([cell.detail_loss, loss], axis=1)
-            cell.predicted = np.concatenate(
-                [cell.predicted, self._predicted(batch)], axis=1
-            )
-        owner._tell(count, count, self._name, "")
-
-    def add_paths(self, cell: Cell, count: int, until: float) -> None:
-        """Predict paths up to a number of them, in whole chunks."""
-        owner = self._owner
-        while owner._paths is not None and cell.paths.shape[1] < count:
-            if cell.paths.shape[1] and time.perf_counter() > until:
-                break
-            start = PATHS_START + cell.paths.shape[1]
-            found = self._predicted(owner._batch(owner._paths, start, PATH_CHUNK))
-            cell.paths = np.concatenate([cell.paths, found], axis=1)
 
 
 def with_controls(

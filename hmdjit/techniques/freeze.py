@@ -1,7 +1,8 @@
 """The frozen picture: a control, not a technique."""
 
 from .._types import Rgb
-from ..frame import Frame, History, Motion
+from ..frame import Frame, Motion
+from ..sources import History
 from .base import AbstractTechnique
 
 

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from .. import _checks, blending, color, quaternion, reprojection
 from .._types import Rgb, Scalar
-from ..frame import Frame, History, Motion
+from ..frame import Frame, Motion
+from ..sources import History
 from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
 
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")

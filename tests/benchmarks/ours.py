@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
-from jax.sharding import PartitionSpec as Spec
 from machine import cpus
 from scipy.spatial.transform import Rotation
 from serving import Run, serve
@@ -16,7 +15,8 @@ from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 
 from hmdjit import Camera, Motion, Region, Texture
 from hmdjit.frame import rebased_motion
-from hmdjit.simulation import fastest_reading, session
+from hmdjit.session import fastest_reading, session
+from hmdjit.studies.devices import over_sessions
 from hmdjit.techniques import HeadMovement
 
 MASKED = True
@@ -57,31 +57,23 @@ def _measure(
     *,
     mesh: Mesh,
 ) -> tuple[jax.Array, ...]:
-    def many(texture, camera, technique, region, motion) -> tuple[jax.Array, ...]:
-        def one(motion: Motion) -> tuple[jax.Array, ...]:
-            result = session(
-                texture,
-                camera,
-                technique,
-                motion,
-                region,
-                region,
-                warmup=0,
-                reading=fastest_reading(),
-                detail_loss=DETAIL_LOSS,
-            )
-            return (jnp.asarray(result.mtcd), jnp.asarray(result.detail_loss))
+    def one(shared: tuple, motion: Motion) -> tuple[jax.Array, ...]:
+        texture, camera, technique, region = shared
+        result = session(
+            texture,
+            camera,
+            technique,
+            motion,
+            region,
+            region,
+            warmup=0,
+            reading=fastest_reading(),
+            detail_loss=DETAIL_LOSS,
+        )
+        return (jnp.asarray(result.mtcd), jnp.asarray(result.detail_loss))
 
-        return jax.lax.map(one, motion)
-
-    whole, split = Spec(), Spec("sessions")
-    return jax.shard_map(
-        many,
-        mesh=mesh,
-        in_specs=(whole, whole, whole, whole, split),
-        out_specs=split,
-        check_vma=False,
-    )(texture, camera, technique, region, motion)
+    shared = (texture, camera, technique, region)
+    return over_sessions(one, shared, motion, mesh)
 
 
 def compiled(given: Arguments) -> Callable[[Arguments], np.ndarray]:
