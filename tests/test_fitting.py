@@ -1,5 +1,7 @@
 """Fits of the head model: against oracles, on data of known models, and refusals."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -37,11 +39,17 @@ RESONANT = eqx.tree_at(
 )
 
 
+@functools.partial(jax.jit, static_argnames="frames")
+def paths_of(head, keys, rate_hz, frames):
+    """Rotation vectors of one new person per key."""
+    return jax.lax.map(lambda key: head.rotation_vectors(key, rate_hz, frames), keys)
+
+
 def traces_of(head, key, subjects, seconds, rate_hz=RATE_HZ):
     """One trace for each new person."""
     frames = round(seconds * rate_hz)
-    draw = jax.jit(lambda key: head.rotation_vectors(key, rate_hz, frames))
-    paths = np.asarray(jax.lax.map(draw, jax.random.split(clone(key), subjects)))
+    keys = jax.random.split(clone(key), subjects)
+    paths = np.asarray(paths_of(head, keys, rate_hz, frames))
     return [
         Trace(
             np.arange(frames) / rate_hz,
