@@ -21,10 +21,12 @@ def tiny():
     return task.make(16, 2, steps=4)
 
 
-def test_ours_does_the_task(tiny):
-    exact = task.oracle(tiny, 2, masked=ours.MASKED)
+@pytest.mark.parametrize("count", range(len(ours.ADDITIONS) + 1))
+def test_ours_does_the_task(tiny, count):
+    added = ours.ADDITIONS[:count]
+    exact = task.oracle(tiny, 2, masked="mask" in added)
     # float32: colours are right to 1e-6, that is 3e-4 code values.
-    np.testing.assert_allclose(ours.build(tiny)(), exact, atol=1e-3)
+    np.testing.assert_allclose(ours.build(tiny, added)(), exact, atol=1e-3)
     assert exact.min() > 1
 
 
@@ -78,7 +80,8 @@ def test_ratios_pair_the_runs(rng):
 
 
 def test_every_rival_has_a_script():
-    assert all((serving.HERE / script).is_file() for script in run.RIVALS.values())
+    commands = (run.RIVALS | run.ADDED).values()
+    assert all((serving.HERE / script).is_file() for script, *_ in commands)
     assert not task.SIZES.keys() & scaling.POINTS.keys()
 
 
@@ -89,7 +92,7 @@ def test_tables_are_aligned():
 
 def test_a_rival_runs_in_its_own_process(tmp_path, tiny):
     tiny.save(tmp_path / "task.npz")
-    rival = serving.Rival("opencv_numpy.py", 1)
+    rival = serving.Rival(["opencv_numpy.py"], 1)
     rival.ask(f"prepare {tmp_path / 'task.npz'}")
     seconds, processor_s = rival.ask("time")
     assert min(seconds, processor_s) > 0
@@ -99,7 +102,7 @@ def test_a_rival_runs_in_its_own_process(tmp_path, tiny):
 
 
 def test_a_rival_that_fails_is_named(tmp_path):
-    rival = serving.Rival("opencv_numpy.py", 1)
+    rival = serving.Rival(["opencv_numpy.py"], 1)
     with pytest.raises(RuntimeError, match=r"opencv_numpy\.py ended with 1"):
         rival.ask(f"prepare {tmp_path / 'nothing.npz'}")
 

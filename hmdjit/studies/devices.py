@@ -10,6 +10,15 @@ from jax.sharding import PartitionSpec as Spec
 
 from ..sources import Texture
 
+COMPILER_OPTIONS: dict[str, bool | int | str] = {
+    "xla_cpu_prefer_vector_width": 512,
+    "xla_cpu_copy_insertion_use_region_analysis": True,
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": 2,
+}
+"""What makes sessions on a CPU a tenth faster, and compiles them in two thirds of the
+time; measured with JAX 0.10. JAX takes options for programs that no other one calls."""
+
 
 def mesh() -> Mesh:
     """All devices, in a row."""

@@ -1,6 +1,8 @@
 """Head-movement based temporal anti-aliasing (Kim et al.)."""
 
-from collections.abc import Callable
+import functools
+import operator
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import _checks, blending, color, quaternion, reprojection
-from .._types import Rgb, Scalar
-from ..frame import Frame, Motion
+from .._types import Mask, Rgb, Scalar
+from ..frame import Displacement, Frame, Motion
 from ..sources import History
 from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
 
@@ -139,11 +141,7 @@ class HeadMovement(AbstractTechnique):
         weights = self._normalized_weights()
         samples = [state.at(position) for position in past]
 
-        is_blended = past[0].inside()
-        for position in past[1:]:
-            is_blended &= position.inside()
-        if frame.static_mask is not None:
-            is_blended &= frame.static_mask
+        is_blended = self.has_past(frame, past)
         history = blending.past_color(samples, weights)
         history = blending.usable(history, current, is_blended)
 
@@ -160,6 +158,11 @@ class HeadMovement(AbstractTechnique):
 
         shown = color.encode(displayed) if self.space == "linear" else displayed
         return History.of(displayed), shown
+
+    def has_past(self, frame: Frame, past: Sequence[Displacement]) -> Mask:
+        """Where all past samples are usable: static, and inside the frame before."""
+        is_inside = functools.reduce(operator.and_, (p.inside() for p in past))
+        return is_inside if frame.static_mask is None else is_inside & frame.static_mask
 
     def on_pictures(self) -> "HeadMovement":
         """On pictures, resolving MSAA is resolving one sample."""

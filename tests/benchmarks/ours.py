@@ -1,7 +1,8 @@
 """The task as hmdjit does it: the adapter between the benchmark and the package."""
 
 import math
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Collection
 from functools import partial
 
 import jax
@@ -16,30 +17,40 @@ from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 from hmdjit import Camera, Motion, Region, Texture
 from hmdjit.frame import rebased_motion
 from hmdjit.session import fastest_reading, session
-from hmdjit.studies.devices import over_sessions
+from hmdjit.studies.devices import COMPILER_OPTIONS, over_sessions
 from hmdjit.techniques import HeadMovement
 
-MASKED = True
-"""Whether the past outside the camera frame is replaced by the current picture."""
-
-DETAIL_LOSS = False
-"""Whether to measure detail loss too; rivals do not."""
-
 MARGIN_PX = 16
-COMPILER_OPTIONS: dict[str, bool | int | str] = {"xla_cpu_prefer_vector_width": 512}
+ADDITIONS = ("mask", "fine", "loss")
+"""What hmdjit's own studies do beyond the task: the current picture where the past one
+lies outside the camera frame, two texels per pixel, and detail loss."""
+
+
+class Unmasked(HeadMovement):
+    """The past's edge is repeated outside the camera frame, as rivals do."""
+
+    def has_past(self, frame, past):
+        """Everywhere."""
+        return jnp.ones((frame.region.height, frame.region.width), bool)
+
 
 Arguments = tuple[Texture, Camera, HeadMovement, Region, Motion]
 
 
-def arguments(task: Task) -> Arguments:
+def arguments(task: Task, additions: Collection[str] = ()) -> Arguments:
     """Everything that the program is called with."""
     side = task.shape[2]
     fov_deg = 2 * math.degrees(math.atan(side / 2 / FOCAL_PX))
     camera = Camera(side, side, fov_deg, REFRESH_HZ)
     margin = ((MARGIN_PX, MARGIN_PX), (MARGIN_PX, MARGIN_PX), (0, 0))
-    texels = jnp.asarray(np.pad(task.texture, margin, mode="edge"))
-    texture = Texture.of(texels, texels, oversampling=1, margin_px=MARGIN_PX)
-    technique = HeadMovement(W_MIN, W_LB, H_MAX_DEG_S, (CLOSENESS,))
+    texels = np.pad(task.texture, margin, mode="edge")
+    if "fine" in additions:
+        texels = refined(texels)
+    k = len(texels) // (side + 2 * MARGIN_PX)
+    texels = jnp.asarray(texels)
+    texture = Texture.of(texels, texels, oversampling=k, margin_px=MARGIN_PX)
+    kind = HeadMovement if "mask" in additions else Unmasked
+    technique = kind(W_MIN, W_LB, H_MAX_DEG_S, (CLOSENESS,))
     poses = Rotation.from_rotvec(task.poses.reshape(-1, 3)).as_quat(scalar_first=True)
     paths = poses.reshape(*task.shape[:2], 4)
     motions = [rebased_motion(path, jnp.float32) for path in paths]
@@ -47,7 +58,18 @@ def arguments(task: Task) -> Arguments:
     return texture, camera, technique, Region.whole(camera), motion
 
 
-@partial(jax.jit, static_argnames="mesh", compiler_options=COMPILER_OPTIONS)
+def refined(picture: np.ndarray) -> np.ndarray:
+    """Twice the texels of a picture that reads the same between them."""
+    for axis in (0, 1):
+        last = np.take(picture, [-1], axis)
+        after = np.concatenate([np.delete(picture, 0, axis), last], axis)
+        pairs = np.stack([picture, (picture + after) / 2], axis + 1)
+        shape = [2 * n if i == axis else n for i, n in enumerate(picture.shape)]
+        picture = pairs.reshape(shape)
+    return picture
+
+
+@partial(jax.jit, static_argnames=("mesh", "loss"), compiler_options=COMPILER_OPTIONS)
 def _measure(
     texture: Texture,
     camera: Camera,
@@ -56,6 +78,7 @@ def _measure(
     motion: Motion,
     *,
     mesh: Mesh,
+    loss: bool,
 ) -> tuple[jax.Array, ...]:
     def one(shared: tuple, motion: Motion) -> tuple[jax.Array, ...]:
         texture, camera, technique, region = shared
@@ -68,7 +91,7 @@ def _measure(
             region,
             warmup=0,
             reading=fastest_reading(),
-            detail_loss=DETAIL_LOSS,
+            detail_loss=loss,
         )
         return (jnp.asarray(result.mtcd), jnp.asarray(result.detail_loss))
 
@@ -76,19 +99,22 @@ def _measure(
     return over_sessions(one, shared, motion, mesh)
 
 
-def compiled(given: Arguments) -> Callable[[Arguments], np.ndarray]:
+def compiled(
+    given: Arguments, additions: Collection[str] = ()
+) -> Callable[[Arguments], np.ndarray]:
     """Compile for these shapes; sessions are split over the devices."""
     sessions = len(given[-1].offset)
     devices = jax.devices()[: math.gcd(sessions, len(jax.devices()))]
     mesh = Mesh(np.array(devices), ("sessions",))
-    program = _measure.lower(*given, mesh=mesh).compile()
+    lowered = _measure.lower(*given, mesh=mesh, loss="loss" in additions)
+    program = lowered.compile()
     return lambda given: np.asarray(program(*given)[0])
 
 
-def build(task: Task) -> Run:
+def build(task: Task, additions: Collection[str] = ()) -> Run:
     """A device per core."""
-    given = arguments(task)
-    program = compiled(given)
+    given = arguments(task, additions)
+    program = compiled(given, additions)
     return lambda: program(given)
 
 
@@ -99,4 +125,4 @@ def use_all_cores() -> None:
 
 if __name__ == "__main__":
     use_all_cores()
-    serve(build)
+    serve(partial(build, additions=sys.argv[1:]))

@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -90,9 +90,9 @@ def _held_to(chosen: list[int]) -> Iterator[None]:
 class Rival:
     """The driver's end of a rival's process."""
 
-    def __init__(self, script: str, cores: int):
-        self._script = script
-        self._process = start([script], cores)
+    def __init__(self, command: Sequence[str], cores: int):
+        self._script = command[0]
+        self._process = start(list(command), cores)
 
     def ask(self, request: str) -> Any:
         """Send a line and wait for the answer.
