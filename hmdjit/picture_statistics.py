@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from . import _checks, resampling
-from ._types import Numbers, Scalar
+from . import _checks, color, resampling
+from ._types import Numbers, Planes, Scalar
 from .camera import Camera
 from .resampling import Texels
 from .sources import Texture
@@ -63,7 +63,6 @@ class PictureStatistics(eqx.Module):
         finest_px: float = 1 / 4,
         octaves: int = 6,
         supersampled: bool = False,
-        every_px: int = 1,
     ) -> "PictureStatistics":
         """Measure a baked scene, seen from the hold pose.
 
@@ -74,7 +73,6 @@ class PictureStatistics(eqx.Module):
         - `finest_px`, `octaves`: the tabled lengths, px; up to 8 px by default, which a
           head of the fastest blended speed (25 deg/s) moves a picture at 60 Hz.
         - `supersampled`: measure the SSAA(4) reference, which SSAA(4) shows.
-        - `every_px`: measure one pixel of every so many squared; divides `cell_px`.
 
         **Errors:** `ValueError` for cells that do not divide the frame, and for lengths
         or numbers of octaves that are not positive.
@@ -87,10 +85,7 @@ class PictureStatistics(eqx.Module):
         """
         _checks.whole("cell_px", cell_px, 1)
         _checks.whole("octaves", octaves, 1)
-        _checks.whole("every_px", every_px, 1)
         _checks.in_range("finest_px", finest_px, 0, open_low=True)
-        if cell_px % every_px:
-            raise ValueError(f"every_px must divide cell_px {cell_px}, got {every_px}.")
         if camera.width_px % cell_px or camera.height_px % cell_px:
             raise ValueError(
                 "cell_px must divide the camera frame "
@@ -99,7 +94,7 @@ class PictureStatistics(eqx.Module):
         slope_squared = _tabulate(
             texture.supersampled_texels if supersampled else texture.color_texels,
             camera,
-            (texture.margin_px, texture.oversampling, cell_px, octaves, every_px),
+            (texture.margin_px, texture.oversampling, cell_px, octaves),
             finest_px,
         )
         return cls(slope_squared, finest_px, cell_px, supersampled)
@@ -167,43 +162,46 @@ def _to_harmonics(dtype: jnp.dtype) -> Float[Array, "harmonics directions"]:
 def _tabulate(
     texels: Texels, camera: Camera, layout: tuple[int, ...], finest_px: Scalar
 ) -> Float[Array, "cells octaves harmonics"]:
-    margin_px, scale, cell_px, octaves, every_px = layout
-    width, height, dtype = camera.width_px, camera.height_px, texels.dtype
-    i = jnp.arange(width // every_px, dtype=jnp.int32)[None, :]
-    j = jnp.arange(height // every_px, dtype=jnp.int32)[:, None]
-
-    def spread(a: float, b: float) -> Float[Array, "rows columns"]:
-        return jnp.mod(a * i.astype(dtype) + b * j.astype(dtype), 1.0)
-
-    # One pixel of each square, and its place in a texel, different ones from square to
-    # square: a regular choice would meet a regular picture always in the same phase.
-    within_x = spread(_R2[1], _R2[0]) * every_px
-    within_y = spread(-_R2[0], _R2[1] ** 2) * every_px
-    column = every_px * i + within_x.astype(jnp.int32)
-    row = every_px * j + within_y.astype(jnp.int32)
-    place_x = spread(_R2[0], _R2[1]) - 0.5
-    place_y = spread(_R2[1], -_R2[0]) - 0.5
-
-    def read(x_px: Float[Array, ""], y_px: Float[Array, ""]) -> Array:
-        left, top = scale * (column + margin_px), scale * (row + margin_px)
-        dx, dy = place_x + scale * x_px, place_y + scale * y_px
-        return resampling.bilinear(texels, left, top, dx, dy)
-
-    def mean(plane: Array) -> Array:
-        side = cell_px // every_px
-        blocks = plane.reshape(height // cell_px, side, width // cell_px, side)
-        return jnp.mean(blocks, (1, 3)).reshape(-1)
-
-    unmoved = read(jnp.zeros((), dtype), jnp.zeros((), dtype))
-
-    def slope(displacement: tuple) -> Float[Array, " cells"]:
-        length, angle = displacement
-        moved = read(length * jnp.cos(angle), length * jnp.sin(angle))
-        # Summed over an axis, not plane by plane: each plane would be read anew.
-        return mean(jnp.sqrt(jnp.sum((moved - unmoved) ** 2, axis=0))) / length
-
+    margin_px, scale, cell_px, octaves = layout
+    width, dtype = camera.width_px, texels.dtype
+    i = jnp.arange(width, dtype=jnp.int32)[None, :]
     lengths = finest_px * 2.0 ** jnp.arange(octaves, dtype=dtype)
     angles = jnp.asarray(np.pi * np.arange(DIRECTIONS) / DIRECTIONS, dtype)
     pairs = jnp.repeat(lengths, DIRECTIONS), jnp.tile(angles, octaves)
-    slopes = jax.lax.map(slope, pairs).reshape(octaves, DIRECTIONS, -1)
+
+    def of_row(row: Int[Array, ""]) -> Float[Array, "pairs columns"]:
+        """Mean slopes in a row of cells."""
+        j = (row * cell_px + jnp.arange(cell_px, dtype=jnp.int32))[:, None]
+
+        def place(a: float, b: float) -> Float[Array, "rows columns"]:
+            """Where in its texel each pixel is read: different from place to place."""
+            return jnp.mod(a * i.astype(dtype) + b * j.astype(dtype), 1.0) - 0.5
+
+        x, y = place(*_R2), place(_R2[1], -_R2[0])
+
+        def read(moved_px: Float[Array, "2"]) -> Planes:
+            dx, dy = scale * moved_px
+            return resampling.bilinear_by_slices(
+                texels,
+                margin_px,
+                margin_px + row * cell_px,
+                (cell_px, width),
+                scale * moved_px[None] + jnp.array([[-0.5], [0.5]], dtype),
+                lambda: (x + dx, y + dy),
+            )
+
+        unmoved = read(jnp.zeros(2, dtype))
+
+        def slope(displacement: tuple) -> Float[Array, " columns"]:
+            length, angle = displacement
+            moved = read(length * jnp.stack([jnp.cos(angle), jnp.sin(angle)]))
+            differing = color.distance(moved, unmoved)
+            cells = differing.reshape(cell_px, width // cell_px, cell_px)
+            return jnp.mean(cells, (0, 2)) / length
+
+        return jax.lax.map(slope, pairs)
+
+    rows = jnp.arange(camera.height_px // cell_px, dtype=jnp.int32)
+    slopes = jnp.moveaxis(jax.lax.map(of_row, rows), 1, 0)
+    slopes = slopes.reshape(octaves, DIRECTIONS, -1)
     return jnp.einsum("hd,odc->coh", _to_harmonics(dtype), slopes**2)

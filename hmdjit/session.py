@@ -83,6 +83,9 @@ def session(
         )
 
     first = warmup if not technique.remembers else 0
+    # The first measured frame has no measured frame before it.
+    has_loss = detail_loss and not is_reference
+    first_summed = warmup if has_loss else warmup + 1
     rim_px = blocks.RIM_PX if reading.sampler == "slices" else 0
 
     def init(part: Region) -> State:
@@ -122,7 +125,7 @@ def session(
     def sums(shown: Rgb, previous: Rgb, part: Region, offset: RotationVector) -> Array:
         """Distance to the frame before, and squared error, summed over pixels."""
         found = [color.distance(shown, previous)]
-        if detail_loss and not is_reference:
+        if has_loss:
             reference = rendering.reference(texture, camera, part, offset, reading)
             found.append(color.squared_distance(shown, reference))
         if not _same_size(shown_region, measured):
@@ -133,7 +136,6 @@ def session(
     def advance(carry: tuple, step: tuple) -> tuple[tuple, None]:
         state, previous, total = carry
         k, now = step
-        # The first measured frame has no measured frame before it.
         is_counted = jnp.stack([k > warmup, k >= warmup])
 
         def on_block(n: Array, carry: tuple) -> tuple:
@@ -148,7 +150,7 @@ def session(
             else:
                 before = blocks.part_of(previous, shown_region, part)
             found = jax.lax.cond(
-                k >= warmup,
+                k >= first_summed,
                 lambda: sums(shown, before, part, now.offset),
                 lambda: jnp.zeros(2, dtype),
             )

@@ -20,10 +20,10 @@ import numpy as np
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
+from ..devices import placed
 from ..scenes.base import bake
 from ..session import Result
 from ..sources import Texture
-from .devices import placed
 from .measuring import Runner
 from .sessions import Batch, Sessions
 from .settings import Case, Setting

@@ -10,16 +10,13 @@ from jaxtyping import Array, Float, Int
 
 from .. import theory
 from ..camera import Camera
+from ..devices import over_devices
 from ..frame import Motion
 from ..picture_statistics import PictureStatistics, cell_numbers
 from ..sources import Texture
 from ..techniques import HeadMovement, NoAntialiasing
 from ..techniques.base import AbstractTechnique
-from .devices import over_sessions
 from .sessions import Batch
-
-EVERY_PX = 2
-"""Pixels that the pictures' statistics are taken from: every second row and column."""
 
 
 def control_of(technique: AbstractTechnique) -> AbstractTechnique:
@@ -58,10 +55,7 @@ class Controls:
 
     def statistics(self, texture: Texture) -> PictureStatistics:
         """Table a scene."""
-        every = EVERY_PX if self._tile_px % EVERY_PX == 0 else 1
-        return PictureStatistics.of(
-            texture, self._camera, cell_px=self._tile_px, every_px=every
-        )
+        return PictureStatistics.of(texture, self._camera, cell_px=self._tile_px)
 
     def predict(
         self, statistics: PictureStatistics, batch: Batch
@@ -106,4 +100,4 @@ def _predict(
             statistics, camera, control, path, warmup=warmup, cells=cells
         )
 
-    return over_sessions(one, (statistics, camera, control), (motion, cells), mesh)
+    return over_devices(one, (statistics, camera, control), (motion, cells), mesh)

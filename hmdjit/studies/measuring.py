@@ -11,12 +11,12 @@ from jaxtyping import Array, Float, Int
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
-from ..frame import Motion, Reading
+from ..devices import COMPILER_OPTIONS, mesh, over_devices
+from ..frame import GATHER, Motion, Reading
 from ..session import Result, fastest_reading, session
 from ..sources import Texture
 from ..techniques.base import AbstractTechnique
 from .batches import fingerprint
-from .devices import COMPILER_OPTIONS, mesh, over_sessions
 from .sessions import Batch
 from .tiles import Measurement, required_halo_px
 
@@ -65,7 +65,8 @@ class Runner:
         for width in np.unique(halo[halo > usual]):
             chosen = np.flatnonzero(halo == width)
             wide = batch.select(chosen)
-            result = self._dispatch(technique, texture, wide, int(width), 8)
+            # Gathers are slower, but compile faster, and few need them.
+            result = self._dispatch(technique, texture, wide, int(width), 8, GATHER)
             mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
         return Result(mtcd, loss)
 
@@ -113,6 +114,7 @@ class Runner:
         batch: Batch,
         halo: int,
         multiple: int,
+        reading: Reading | None = None,
     ) -> Result:
         multiple = int(np.lcm(multiple, self.mesh.size))
         padded = -(-batch.size // multiple) * multiple
@@ -127,7 +129,7 @@ class Runner:
             block=self.block,
             halo=halo,
             warmup=self.warmup,
-            reading=self.reading,
+            reading=self.reading if reading is None else reading,
         )
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
@@ -177,7 +179,7 @@ def _measure(
 
         return jax.tree.map(jnp.mean, jax.lax.map(one_block, origins))
 
-    return over_sessions(
+    return over_devices(
         one_session, (texture, camera, technique), (motion, origins), mesh
     )
 

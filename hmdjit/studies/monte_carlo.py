@@ -21,6 +21,7 @@ from .. import camera as pinhole
 from .._files import written_atomically
 from .._version import __version__
 from ..camera import Camera
+from ..devices import placed
 from ..scenes.base import AbstractScene, bake
 from ..session import Result
 from ..sources import Texture
@@ -28,7 +29,6 @@ from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
 from .controls import Controls, control_of
-from .devices import placed
 from .measuring import MOST_FAILED, FailedSessionsError, Runner
 from .samples import CHUNK, PATH_TILES, PILOT_START, Sampler
 from .sessions import Batch, Sessions
@@ -168,7 +168,7 @@ class Run:
             left = begun + (goal.budget_s or 0.0) - start
             self.scene_key = fingerprint(scene)
             self.tell(Progress(0, 1, f"baking {name}", 0))
-            texture = self._bake(scene)
+            texture = placed(self._bake(scene))
             share = start + left / (len(study.scenes) - s)
             cell, plan = until.scene(name, texture, start, share)
             found.append(cell)
@@ -184,7 +184,7 @@ class Run:
             for run, mine in enumerate(places):
                 self.mtcd[mine, s, :size] = cell.simulated[run]
                 self.detail_loss[mine, s, :size] = cell.detail_loss[run]
-                self.ran[mine, s, :size] = True
+                self.ran[mine, s, :size] = cell.was_run()[run]
         for start in range(0, count, CHUNK):
             batch = self.sessions.batch(start, CHUNK)
             self._describe(batch, slice(start, start + batch.size))

@@ -149,11 +149,12 @@ def _until_rows(
     paths = dataset["predicted_elsewhere"].transpose(*order).values.astype(float)
     slope = dataset["slope"].transpose("technique", "scene").values.astype(float)
     own_share = dataset["own_share"].transpose("technique", "scene").values
+    count = dataset["count"].transpose("technique", "scene").values
     looks = [int(look) for look in dataset["look"].values]
     seconds = dataset["seconds"].values.astype(float)
     is_timed = "budget_s" in dataset.attrs
     z = [Z95 if is_timed else level_of_look(look) for look in looks]
-    columns = (mtcd, loss, predicted, paths, slope, own_share)
+    columns = (mtcd, loss, predicted, paths, slope, own_share, count)
     cells = [Cell(*(column[:, s] for column in columns)) for s in range(len(scenes))]
     estimates = [[cell.estimate(t) for cell in cells] for t in range(len(techniques))]
     rows = []

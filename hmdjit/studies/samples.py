@@ -24,6 +24,9 @@ CHUNK = 64
 """Sessions per dispatch and file: few enough to stop soon, enough to be worth it."""
 
 PILOT_SESSIONS = 2 * CHUNK
+LEAST_SESSIONS = 2 * CHUNK
+"""From here on means of what the control leaves over are as good as normal."""
+
 PATH_CHUNK, PATH_TILES = 2048, 2
 
 Simulate = Callable[[str, AbstractTechnique, Texture, Batch], Result]
@@ -43,17 +46,27 @@ class Cell:
     paths: np.ndarray  # predicted elsewhere (runs, paths)
     slope: np.ndarray  # (runs,)
     own_share: np.ndarray  # of the sessions' variance, not the tiles' (runs,)
+    count: np.ndarray  # sessions that were simulated (runs,); NaN beyond them
 
     @classmethod
     def empty(cls, runs: int) -> "Cell":
         """Nothing was found yet."""
         none = np.zeros((runs, 0))
-        return cls(none, none, none, none, np.zeros(runs), np.full(runs, np.nan))
+        zero, unknown = np.zeros(runs), np.full(runs, np.nan)
+        return cls(none, none, none, none, zero, unknown, np.zeros(runs, int))
+
+    def was_run(self) -> np.ndarray:
+        """Which sessions were simulated, `(runs, sessions)`."""
+        return np.arange(self.simulated.shape[1]) < self.count[:, None]
+
+    def has_failed(self) -> np.ndarray:
+        """Which sessions gave some run no finite number, `(sessions,)`."""
+        return np.any(self.was_run() & ~np.isfinite(self.simulated), axis=0)
 
     def estimate(self, run: int) -> Estimate:
         """Mean MTCD of a run."""
         # A session that failed for one technique counts for none: they are paired.
-        failed = ~np.isfinite(self.simulated).all(axis=0)
+        failed = self.has_failed()
         paths = self.paths[run]
         return control_variate(
             np.where(failed, np.nan, self.simulated[run]),
@@ -84,8 +97,8 @@ class Sampler:
         self.runs, self.sessions, self.paths = tuple(runs), sessions, paths
         self.controls, self.tell = controls, tell
         self._simulate = simulate
-        self._drawn: dict[tuple[int, int], Batch] = {}
-        self._is_compiled = False
+        self._drawn: dict[tuple[bool, int, int], Batch] = {}
+        self.is_compiled = False
         # Which control predicts a run; a frozen picture needs none.
         self._control: list[int | None] = [None] * len(self.runs)
         if controls is not None:
@@ -99,24 +112,25 @@ class Sampler:
 
     def batch(self, sessions: Sessions, start: int, size: int) -> Batch:
         """Sessions from a number on; each is drawn once."""
-        if (start, size) not in self._drawn:
-            self._drawn[start, size] = sessions.batch(start, size)
-        return self._drawn[start, size]
+        name = (sessions is self.paths, start, size)
+        if name not in self._drawn:
+            self._drawn[name] = sessions.batch(start, size)
+        return self._drawn[name]
 
     def simulated(
-        self, scene: str, texture: Texture, batch: Batch
+        self, scene: str, texture: Texture, batch: Batch, wanted: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """MTCD and detail loss of each run, `(runs, sessions)`."""
-        one = lambda run: self._simulate(scene, run, texture, batch)
-        if self._is_compiled:
-            results = [one(run) for run in self.runs]
-        else:
-            # Programs compile side by side, one per technique.
-            with ThreadPoolExecutor(len(self.runs)) as pool:
-                results = list(pool.map(one, self.runs))
-            self._is_compiled = True
-        mtcd = np.stack([np.asarray(r.mtcd, float) for r in results])
-        return mtcd, np.stack([np.asarray(r.detail_loss, float) for r in results])
+        """MTCD and detail loss, `(runs, sessions)`; NaN for runs not wanted."""
+        found = np.full((2, len(self.runs), batch.size), np.nan)
+
+        def one(place: int) -> None:
+            result = self._simulate(scene, self.runs[place], texture, batch)
+            found[:, place] = result.mtcd, result.detail_loss
+
+        # The first time programs compile side by side, one per technique.
+        with ThreadPoolExecutor(1 if self.is_compiled else len(self.runs)) as pool:
+            list(pool.map(one, np.flatnonzero(wanted).tolist()))
+        return found[0], found[1]
 
     def predicted(
         self, statistics: PictureStatistics | None, batch: Batch
@@ -142,27 +156,52 @@ class SceneSampler:
         self._sampler, self._name = sampler, name
         self._texture, self._statistics = texture, statistics
 
-    def _simulated(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-        return self._sampler.simulated(self._name, self._texture, batch)
+        # Runs that may still show something new.
+        self._is_open = np.ones(len(sampler.runs), bool)
+
+    def compile(self) -> None:
+        """Compile all programs side by side, before anything is timed."""
+        sampler = self._sampler
+        batch = sampler.batch(sampler.sessions, PILOT_START, CHUNK)
+        with ThreadPoolExecutor() as pool:
+            jobs = [
+                pool.submit(self.pilot_paths),
+                pool.submit(self._predicted, batch),
+                pool.submit(self._simulated, batch),
+            ]
+            for job in jobs:
+                job.result()
+        sampler.is_compiled = True
+
+    def _simulated(
+        self, batch: Batch, *, only_open: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        wanted = self._is_open if only_open else np.ones_like(self._is_open)
+        return self._sampler.simulated(self._name, self._texture, batch, wanted)
 
     def _predicted(self, batch: Batch) -> np.ndarray:
         """Predictions of each run, mean over tiles, `(runs, sessions)`."""
         return self._sampler.predicted(self._statistics, batch).mean(axis=-1)
 
     def pilot(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """MTCD, simulated and predicted, `(runs, sessions)`; seconds per session."""
+        """MTCD, simulated and predicted, `(runs, sessions)`; seconds per session.
+
+        A run whose MTCD is the same in every session, as that of a frozen picture, has
+        shown all: beyond `LEAST_SESSIONS` it is not simulated.
+        """
         sampler, found, seconds = self._sampler, [], 0.0
         for start in range(PILOT_START, PILOT_START + PILOT_SESSIONS, CHUNK):
             batch = sampler.batch(sampler.sessions, start, CHUNK)
-            self._predicted(batch)  # compiled, before the clock starts
             begun = time.perf_counter()
-            found.append((self._simulated(batch)[0], self._predicted(batch)))
-            # The first chunk compiles: only the last one's time counts.
+            mtcd, _ = self._simulated(batch, only_open=True)
+            found.append((mtcd, self._predicted(batch)))
             seconds = (time.perf_counter() - begun) / CHUNK
+            self._is_open &= mtcd.min(axis=1) != mtcd.max(axis=1)
         simulated, predicted = (
             np.concatenate(x, axis=1) for x in zip(*found, strict=True)
         )
-        return simulated, predicted, seconds
+        known = np.where(self._is_open[:, None], simulated, simulated[:, :1])
+        return known, predicted, seconds
 
     def pilot_paths(self) -> tuple[np.ndarray, float]:
         """Predictions for some paths, `(runs, paths, tiles)`; seconds per path."""
@@ -184,8 +223,10 @@ class SceneSampler:
             start = cell.simulated.shape[1]
             sampler.tell(start, count, self._name, "")
             batch = sampler.batch(sampler.sessions, start, CHUNK)
-            mtcd, loss = self._simulated(batch)
+            mtcd, loss = self._simulated(batch, only_open=start >= LEAST_SESSIONS)
             cell.simulated = np.concatenate([cell.simulated, mtcd], axis=1)
+            is_run = self._is_open | (start < LEAST_SESSIONS)
+            cell.count = np.where(is_run, cell.simulated.shape[1], cell.count)
             cell.detail_loss = np.concatenate([cell.detail_loss, loss], axis=1)
             cell.predicted = np.concatenate(
                 [cell.predicted, self._predicted(batch)], axis=1

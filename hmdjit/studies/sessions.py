@@ -151,6 +151,9 @@ class Batch(NamedTuple):
         return Batch(self.start, motion, self.origins[index])
 
 
+_AT_A_TIME = 256  # sessions drawn by one call of a program
+
+
 class Sessions:
     """The sessions of a study, made batch by batch.
 
@@ -183,7 +186,15 @@ class Sessions:
     def batch(self, start: int, size: int) -> Batch:
         """Sessions from `start` on, `size` of them or what is left."""
         count = min(size, self.count - start)
-        # Always `size` are drawn, to compile once; those beyond the last are dropped.
+        # Always as many are drawn at a time, to compile once whatever the size.
+        drawn = [
+            self._drawn(first, _AT_A_TIME)
+            for first in range(start, start + count, _AT_A_TIME)
+        ]
+        motion, origins = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *drawn)
+        return Batch(start, motion, origins).select(np.arange(count))
+
+    def _drawn(self, start: int, size: int) -> tuple[Motion, Array]:
         indices = jnp.arange(start, start + size, dtype=jnp.int32)
         origins = _blocks(self._key, self._measure, self._camera, indices)
         if isinstance(self._head, HeadMotion):
@@ -194,7 +205,7 @@ class Sessions:
         else:
             windows = np.arange(start, start + size) % self.count
             motion = _recorded_motion(jnp.asarray(self._windows[windows], jnp.float32))
-        return Batch(start, motion, origins).select(np.arange(count))
+        return motion, origins
 
 
 @eqx.filter_jit

@@ -11,11 +11,11 @@ import dataclasses
 import json
 import math
 import time
+from typing import Any
 
 import numpy as np
 
 from ..sources import Texture
-from .devices import placed
 from .estimators import (
     FLOOR_MTCD,
     Estimate,
@@ -26,10 +26,13 @@ from .estimators import (
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
 from .measuring import MOST_FAILED, FailedSessionsError
-from .samples import CHUNK, PILOT_SESSIONS, Cell, Sampler, SceneSampler
-
-LEAST_SESSIONS = 2 * CHUNK
-"""From here on means of what the control leaves over are as good as normal."""
+from .samples import (
+    LEAST_SESSIONS,
+    PILOT_SESSIONS,
+    Cell,
+    Sampler,
+    SceneSampler,
+)
 
 GROWTH = 1.5
 MOST_SESSIONS = 1 << 20
@@ -99,7 +102,10 @@ class Until:
         if sampler.controls is not None:
             sampler.tell(0, 1, f"{name}: statistics", "")
             statistics = sampler.controls.statistics(texture)
-        measure = SceneSampler(sampler, name, placed(texture), statistics)
+        measure = SceneSampler(sampler, name, texture, statistics)
+        if not sampler.is_compiled:
+            sampler.tell(0, 1, f"{name}: compiling", "")
+            measure.compile()
         plan, slope, own_share = self._plan(name, measure)
         if plan.sessions > MOST_SESSIONS:
             raise ValueError(
@@ -125,7 +131,7 @@ class Until:
             measure.add_sessions(cell, LEAST_SESSIONS, math.inf)
             measure.add_paths(cell, paths, until)
             measure.add_sessions(cell, sessions, until)
-            _refuse_failures(name, cell.simulated)
+            _refuse_failures(name, cell.has_failed())
             look += 1
             if self._goal.budget_s is not None or self._is_reached(cell, look):
                 break
@@ -159,8 +165,8 @@ class Until:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
         self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
         simulated, predicted, session_seconds = measure.pilot()
-        _refuse_failures(name, simulated)
         good = np.isfinite(simulated).all(axis=0)
+        _refuse_failures(name, ~good)
         simulated, predicted = simulated[:, good], predicted[:, good]
         slope = np.zeros(len(self._sampler.runs))
         for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
@@ -216,11 +222,10 @@ class Until:
         return needs
 
 
-def _refuse_failures(name: str, simulated: np.ndarray) -> None:
-    failed = 1 - np.isfinite(simulated).all(axis=0).mean()
-    if failed > MOST_FAILED:
+def _refuse_failures(name: str, failed: Any) -> None:
+    if failed.mean() > MOST_FAILED:
         raise FailedSessionsError(
-            f"{failed:.1%} of {simulated.shape[1]} sessions of {name} gave no finite "
+            f"{failed.mean():.1%} of {failed.size} sessions of {name} gave no finite "
             f"number; at most {MOST_FAILED:.1%} may. A head that turns farther than "
             "the margin from where it started is one cause."
         )
@@ -244,12 +249,14 @@ def with_controls(
     predicted = np.full(shape, np.nan)
     paths = np.full((techniques, scenes, most), np.nan)
     slope, own_share = np.zeros((2, techniques, scenes))
+    count = np.zeros((techniques, scenes), int)
     for s, cell in enumerate(cells):
         for run, mine in enumerate(places):
             predicted[mine, s, : cell.predicted.shape[1]] = cell.predicted[run]
             paths[mine, s, : cell.paths.shape[1]] = cell.paths[run]
             slope[mine, s] = cell.slope[run]
             own_share[mine, s] = cell.own_share[run]
+            count[mine, s] = cell.count[run]
     cell_dims = ("technique", "scene")
     code = {"units": "code values of 255"}
     variables = {
@@ -257,6 +264,7 @@ def with_controls(
         "predicted_elsewhere": ((*cell_dims, "path"), paths, code),
         "slope": (cell_dims, slope),
         "own_share": (cell_dims, own_share),
+        "count": (cell_dims, count),
         "look": ("scene", [plan.looks for plan in plans]),
         "seconds": ("scene", [plan.spent_s for plan in plans], {"units": "s"}),
     }

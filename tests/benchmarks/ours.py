@@ -15,9 +15,9 @@ from serving import Run, serve
 from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 
 from hmdjit import Camera, Motion, Region, Texture
+from hmdjit.devices import COMPILER_OPTIONS, over_devices
 from hmdjit.frame import rebased_motion
 from hmdjit.session import fastest_reading, session
-from hmdjit.studies.devices import COMPILER_OPTIONS, over_sessions
 from hmdjit.techniques import HeadMovement
 
 MARGIN_PX = 16
@@ -96,7 +96,7 @@ def _measure(
         return (jnp.asarray(result.mtcd), jnp.asarray(result.detail_loss))
 
     shared = (texture, camera, technique, region)
-    return over_sessions(one, shared, motion, mesh)
+    return over_devices(one, shared, motion, mesh)
 
 
 def compiled(

@@ -1,4 +1,4 @@
-"""Sessions on all devices: each takes its share, one session after the other."""
+"""Work on all devices: each takes its share, one item after the other."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 
-from ..sources import Texture
+from .sources import Texture
 
 COMPILER_OPTIONS: dict[str, bool | int | str] = {
     "xla_cpu_prefer_vector_width": 512,
@@ -22,7 +22,7 @@ time; measured with JAX 0.10. JAX takes options for programs that no other one c
 
 def mesh() -> Mesh:
     """All devices, in a row."""
-    return Mesh(np.array(jax.devices()), ("sessions",))
+    return Mesh(np.array(jax.devices()), ("items",))
 
 
 def placed(texture: Texture) -> Texture:
@@ -30,21 +30,21 @@ def placed(texture: Texture) -> Texture:
     return jax.device_put(texture, NamedSharding(mesh(), Spec()))
 
 
-def over_sessions(
-    one: Callable[[Any, Any], Any], shared: Any, per_session: Any, mesh: Mesh
+def over_devices(
+    one: Callable[[Any, Any], Any], shared: Any, items: Any, mesh: Mesh
 ) -> Any:
-    """Apply a function to each session; a device maps over its own one by one.
+    """Apply a function to each item; a device maps over its own one by one.
 
     **Arguments:**
 
-    - `one`: of what all sessions share and what one session has.
-    - `per_session`: arrays with a leading session axis, a multiple of the devices.
+    - `one`: of what all items share and of one item.
+    - `items`: arrays with a leading axis, as long as a multiple of the devices.
     """
 
-    def many(shared: Any, per_session: Any) -> Any:
-        return jax.lax.map(lambda mine: one(shared, mine), per_session)
+    def many(shared: Any, items: Any) -> Any:
+        return jax.lax.map(lambda item: one(shared, item), items)
 
-    split = Spec("sessions")
+    split = Spec(mesh.axis_names)
     return jax.shard_map(
         many, mesh=mesh, in_specs=(Spec(), split), out_specs=split, check_vma=False
-    )(shared, per_session)
+    )(shared, items)
