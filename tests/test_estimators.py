@@ -14,6 +14,7 @@ from hmdjit.studies.estimators import (
     geometric_mean,
     level_of_look,
     mean_of,
+    pairing_gain,
     ratio,
     sessions_needed,
 )
@@ -194,6 +195,15 @@ def test_looks_together_err_no_more_than_one_interval():
     missed = [2 * stats.norm.sf(level_of_look(look)) for look in range(1, 40)]
     assert sum(missed) == pytest.approx(0.05, rel=1e-6)
     assert level_of_look(1) == pytest.approx(2.2414, abs=1e-4)
+
+
+def test_pairing_gains_what_sessions_share(rng):
+    shared = rng.normal(size=4000)
+    x, y = (mean_of(4 + shared + 0.5 * rng.normal(size=4000)) for _ in range(2))
+    # Variances 1.25 each, of the difference 0.5; 4 standard errors of their ratio.
+    assert pairing_gain(x, y) == pytest.approx(2.5 / 0.5, rel=4 * (4 / 4000) ** 0.5)
+    assert math.isnan(pairing_gain(y, y))
+    assert math.isnan(pairing_gain(x, mean_of(np.zeros(4000))))
 
 
 def test_a_figure_of_merit_is_per_relative_error_and_second(flicker):

@@ -189,7 +189,7 @@ def test_csv_has_the_designed_columns_and_all_digits(tmp_path):
         header, *lines = csv.reader(file)
     assert ",".join(header[:14]) == DESIGN_COLUMNS
     assert header[14:17] == ["detail_loss_standard_error", "interval", "note"]
-    assert header[17:] == ["seconds", "figure_of_merit"]
+    assert header[17:] == ["seconds", "figure_of_merit", "pairing_gain"]
     kinds = [type(value) for value in dataclasses.astuple(rows[0])]
     read = [
         results.SummaryRow(*(kind(v) for kind, v in zip(kinds, line, strict=True)))

@@ -117,6 +117,18 @@ def ratio(x: Estimate, y: Estimate) -> Estimate | None:
     return dataclasses.replace(difference, value=value)
 
 
+def pairing_gain(x: Estimate, y: Estimate) -> float:
+    """Variance of a ratio with sessions of their own for x and y, over the paired one.
+
+    NaN where there is no ratio, or no variance.
+    """
+    paired = ratio(x, y)
+    if paired is None or paired.standard_error == 0:
+        return math.nan
+    alone = math.hypot(x.standard_error, paired.value * y.standard_error) / y.value
+    return (alone / paired.standard_error) ** 2
+
+
 def geometric_mean(ratios: Sequence[Estimate]) -> Estimate:
     """Geometric mean of positive ratios."""
     value = math.exp(sum(math.log(r.value) for r in ratios) / len(ratios))

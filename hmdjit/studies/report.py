@@ -176,6 +176,7 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
             f"No ratio (–) where the baseline's MTCD is at most {MIN_BASELINE_MTCD}: "
             f"{NO_FLICKER}, left out of the geometric mean."
         )
+    words += [_pairing(technique, rows) for technique in _repeated(rows)]
     failed = len(json.loads(a.get("failed_sessions", "[]")))
     wide = int(a.get("wide_halo_sessions", 0))
     words += [
@@ -188,6 +189,24 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
     if wide:
         words.append(f"Sessions that needed a wider halo: {wide}.")
     return "\n".join([words[0], words[1], " ".join(words[2:])])
+
+
+def _repeated(rows: Sequence[SummaryRow]) -> list[str]:
+    """Techniques whose ratios vary, so that pairing them can gain something."""
+    varying = [row.technique for row in rows if math.isfinite(row.pairing_gain)]
+    return list(dict.fromkeys(varying))
+
+
+def _pairing(technique: str, rows: Sequence[SummaryRow]) -> str:
+    gains = [
+        f"{row.scene} {row.pairing_gain:.0f}"
+        for row in rows
+        if row.technique == technique and math.isfinite(row.pairing_gain)
+    ]
+    return (
+        f"Variance of {technique}'s ratios with sessions of its own, in multiples of "
+        f"the paired one: {', '.join(gains)}."
+    )
 
 
 def _half(low: float, high: float) -> float:

@@ -19,6 +19,7 @@ from .estimators import (
     level_of_look,
     mean_of,
     no_ratio,
+    pairing_gain,
     ratio,
 )
 from .intervals import GEOMETRIC_MEAN as GEOMETRIC_MEAN
@@ -45,7 +46,8 @@ class SummaryRow:
     the mean, `q05`, `q50` and `q95` are quantiles of the sessions, `ratio` is to the
     baseline. `interval` says how intervals were made, `note` why a number is NaN. Of a
     study with a goal: `seconds` spent on the scene in this run, and
-    `1 / (relative error^2 x seconds)`.
+    `1 / (relative error^2 x seconds)`. `pairing_gain` is by how much sharing heads and
+    tiles with the baseline divides the ratio's variance.
     """
 
     technique: str
@@ -67,6 +69,7 @@ class SummaryRow:
     note: str = ""
     seconds: float = math.nan
     figure_of_merit: float = math.nan
+    pairing_gain: float = math.nan
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(SummaryRow))
@@ -177,6 +180,7 @@ def _until_rows(
                     detail_loss_standard_error=detail.standard_error,
                     seconds=float(seconds[s]),
                     figure_of_merit=figure_of_merit(estimates[t][s], float(seconds[s])),
+                    pairing_gain=pairing_gain(estimates[t][s], estimates[base][s]),
                 )
             )
         share = [1 / len(scenes)] * len(scenes)
@@ -297,6 +301,7 @@ def _row(
         detail_loss_standard_error=detail.standard_error,
         interval=mean.method,
         note=note,
+        pairing_gain=pairing_gain(mean_of(x), mean_of(baseline)),
     )
 
 
