@@ -10,7 +10,10 @@ QUICK = {
     "flicker_of_heads.py": ("--sessions", "4", "--scenes", "astronaut"),
     "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
 }
-PRINTING = {"time_to_one_percent.py": ("--scenes", "noise", "--sessions", "4")}
+PRINTING = {
+    "quasi_random_paths.py": ("--scenes", "noise"),
+    "time_to_one_percent.py": ("--scenes", "noise", "--sessions", "4"),
+}
 
 
 def test_every_example_is_run():
@@ -26,7 +29,11 @@ def test_examples_print_their_table(name):
     )
     row = done.stdout.splitlines()[-1].split(", ")
     assert row[0] == "noise"
-    assert float(row[1]) > float(row[2]) > 0
+    if name == "time_to_one_percent.py":
+        assert float(row[1]) > float(row[2]) > 0
+    else:
+        # A gain of 3 is below 1 in 48 replicates each with probability 1e-4.
+        assert float(row[2].split()[0]) > 1
 
 
 @pytest.mark.slow
