@@ -1,6 +1,8 @@
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -234,3 +236,56 @@ def test_plans_read_like_a_sentence():
     )
     paths = dataclasses.replace(plan, paths=5678)
     assert "1,234 sessions and 5,678 predicted paths" in str(paths)
+
+
+# --- runs that show nothing new ---
+
+
+# Fakes stand for sessions and textures.
+FakeSampler: Any = samples.Sampler
+FakeScene: Any = samples.SceneSampler
+
+
+class Numbered:
+    """Sessions that are only numbers."""
+
+    def batch(self, start, size):
+        numbers = np.arange(start, start + size)
+        return SimpleNamespace(size=size, numbers=numbers, origins=np.zeros((size, 1)))
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_run_goes_on_if_it_varies_after_all(untyped, sparse):
+    calls = []
+
+    def simulate(scene, run, texture, batch):
+        calls.append(len(batch.numbers))
+        mtcd = np.where(sparse & (batch.numbers == 5), 1.0, 0.0)
+        return SimpleNamespace(mtcd=mtcd, detail_loss=mtcd)
+
+    techniques = [NoAntialiasing()]
+    silent = lambda *event: None
+    sampler = FakeSampler(techniques, Numbered(), None, None, simulate, silent)
+    scene = FakeScene(sampler, "sparse", None, None)
+    scene.close(np.array([True]))
+    cell = samples.Cell.empty(1)
+    scene.add_sessions(cell, 256, math.inf)
+    assert cell.count.tolist() == [256 if sparse else samples.LEAST_SESSIONS]
+    assert sum(calls) == cell.count[0]
+    assert not cell.has_failed().any()
+    assert np.isnan(cell.simulated).sum() == 256 - cell.count[0]
+    assert cell.estimate(0).value == (1 / 256 if sparse else 0.0)
+
+
+def test_a_pilot_that_varies_once_is_not_overwritten(untyped):
+    def simulate(scene, run, texture, batch):
+        first = np.where(batch.numbers == samples.PILOT_START, 5.0, 0.0)
+        return SimpleNamespace(mtcd=first, detail_loss=first)
+
+    silent = lambda *event: None
+    runs = [NoAntialiasing()]
+    sampler = FakeSampler(runs, Numbered(), None, None, simulate, silent)
+    found, predicted, seconds = FakeScene(sampler, "", None, None).pilot()
+    assert found.sum() == 5.0
+    assert found.shape == predicted.shape == (1, samples.PILOT_SESSIONS)
+    assert seconds.shape == (1,)

@@ -240,7 +240,7 @@ def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
         return CentralCrop(options.crop)
     said = {"count": options.tiles, "size_px": options.tile_size}
     if options.tolerance is not None or options.budget is not None:
-        # A path costs a hundredth of a tile: one tile each for more sessions.
+        # A path costs a two-hundredth of a tile: one tile each for more sessions.
         said["count"] = options.tiles or 1
     return Tiles(**{name: value for name, value in said.items() if value is not None})
 

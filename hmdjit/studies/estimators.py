@@ -7,8 +7,8 @@ the order of their work for one precision; a pilot chooses between the last two:
 - *tiles*: a tile or two per session. A session's tiles say nearly the same of its head
   as all of them do, so the same pixels are better spent on more sessions.
 - *control variate*: the small-motion theory T (`theory.predict`) of the same tiles is
-  known for many more sessions at a hundredth of the cost. With simulated sessions i of
-  one sample and predicted paths j of another, independent one,
+  known for many more sessions at a two-hundredth of the cost. With simulated sessions i
+  of one sample and predicted paths j of another, independent one,
   `mean_i(Y_i - b T_i) + b mean_j(T_j)` has the mean of Y whatever b is, and for
   b = cov(Y, T) / var(T) nearly only the variance that T leaves over. Here b comes from
   a third sample, the pilot, so that nothing is biased.

@@ -1,6 +1,8 @@
 """Measuring a batch of sessions: on all devices, each with the halo that it needs."""
 
-from collections.abc import Sequence
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import jax
@@ -11,8 +13,8 @@ from jaxtyping import Array, Float, Int
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
-from ..devices import COMPILER_OPTIONS, mesh, over_devices
-from ..frame import GATHER, Motion, Reading
+from ..devices import compiler_options, mesh, over_devices
+from ..frame import Motion, Reading
 from ..session import Result, fastest_reading, session
 from ..sources import Texture
 from ..techniques.base import AbstractTechnique
@@ -60,13 +62,17 @@ class Runner:
         usual = self._usual_halo[fingerprint(technique)]
         # Everyone runs with the usual halo, to compile once per technique; the few
         # that need a wider one run again, eight at a time.
-        result = self._dispatch(technique, texture, batch, usual, self.batch_size)
+        result = self._dispatch(
+            technique, texture, batch, usual, self.batch_size, self.reading
+        )
         mtcd, loss = np.array(result.mtcd), np.array(result.detail_loss)
         for width in np.unique(halo[halo > usual]):
             chosen = np.flatnonzero(halo == width)
             wide = batch.select(chosen)
             # Gathers are slower, but compile faster, and few need them.
-            result = self._dispatch(technique, texture, wide, int(width), 8, GATHER)
+            gathers = dataclasses.replace(self.reading, sampler="gather")
+            reading = gathers if self.reading.sampler == "slices" else self.reading
+            result = self._dispatch(technique, texture, wide, int(width), 8, reading)
             mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
         return Result(mtcd, loss)
 
@@ -114,12 +120,12 @@ class Runner:
         batch: Batch,
         halo: int,
         multiple: int,
-        reading: Reading | None = None,
+        reading: Reading,
     ) -> Result:
-        multiple = int(np.lcm(multiple, self.mesh.size))
+        multiple = -(-multiple // self.mesh.size) * self.mesh.size
         padded = -(-batch.size // multiple) * multiple
         filled = batch.select(np.resize(np.arange(batch.size), padded))
-        result = _measure(
+        result = _program()(
             texture,
             self.camera,
             technique,
@@ -129,16 +135,18 @@ class Runner:
             block=self.block,
             halo=halo,
             warmup=self.warmup,
-            reading=self.reading if reading is None else reading,
+            reading=reading,
         )
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
-@partial(
-    jax.jit,
-    static_argnames=("mesh", "block", "halo", "warmup", "reading"),
-    compiler_options=COMPILER_OPTIONS,
-)
+@functools.cache
+def _program() -> Callable[..., Result]:
+    static = ("mesh", "block", "halo", "warmup", "reading")
+    options = compiler_options()
+    return jax.jit(_measure, static_argnames=static, compiler_options=options)
+
+
 def _measure(
     texture: Texture,
     camera: Camera,

@@ -82,6 +82,7 @@ class Run:
         self.batch_size = min(batch_size, self.sessions.count)
         self.runner = _runner(study, self.batch_size)
         self.store = Store(self.out)
+        self.scene_key = ""  # of the scene that is being run
         # Techniques that show the same on pictures share a run: their places, by run.
         self.runs: dict[str, tuple[AbstractTechnique, list[int]]] = {}
         for place, technique in enumerate(study.techniques):

@@ -176,7 +176,7 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
             f"No ratio (–) where the baseline's MTCD is at most {MIN_BASELINE_MTCD}: "
             f"{NO_FLICKER}, left out of the geometric mean."
         )
-    words += [_pairing(technique, rows) for technique in _repeated(rows)]
+    words += [_pairing(technique, rows) for technique in _varying(rows)]
     failed = len(json.loads(a.get("failed_sessions", "[]")))
     wide = int(a.get("wide_halo_sessions", 0))
     words += [
@@ -191,7 +191,7 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
     return "\n".join([words[0], words[1], " ".join(words[2:])])
 
 
-def _repeated(rows: Sequence[SummaryRow]) -> list[str]:
+def _varying(rows: Sequence[SummaryRow]) -> list[str]:
     """Techniques whose ratios vary, so that pairing them can gain something."""
     varying = [row.technique for row in rows if math.isfinite(row.pairing_gain)]
     return list(dict.fromkeys(varying))

@@ -83,7 +83,7 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     has a ratio only.
 
     **Arguments:** `dataset`: a study's result, `mtcd` and `detail_loss` over technique,
-    scene and session; sessions that failed in a cell are NaN there.
+    scene and session; sessions that failed in a cell, or were not run, are NaN there.
 
     **Returns:** the rows, technique by technique in the dataset's order.
 
@@ -194,6 +194,7 @@ def _until_rows(
                 detail_loss=detail.value,
                 detail_loss_standard_error=detail.standard_error,
                 seconds=float(seconds.sum()),
+                pairing_gain=pairing_gain(pooled, pooled_base),
                 figure_of_merit=figure_of_merit(pooled, float(seconds.sum())),
             )
         )
@@ -272,6 +273,7 @@ def _row(
 ) -> SummaryRow:
     mean, ratio = mean_interval(x, clusters), ratio_interval(x, baseline, clusters)
     detail = mean_interval(loss, clusters)
+    gain = pairing_gain(mean_of(x), mean_of(baseline))
     finite = x[np.isfinite(x)]
     paired = int(np.isfinite(x + baseline).sum())
     note = ""
@@ -301,7 +303,7 @@ def _row(
         detail_loss_standard_error=detail.standard_error,
         interval=mean.method,
         note=note,
-        pairing_gain=pairing_gain(mean_of(x), mean_of(baseline)),
+        pairing_gain=math.nan if clusters is not None else gain,
     )
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,8 @@ CHUNK = 64
 
 PILOT_SESSIONS = 2 * CHUNK
 LEAST_SESSIONS = 2 * CHUNK
-"""From here on means of what the control leaves over are as good as normal."""
+"""From here on means of what the control leaves over are as good as normal; what is
+not expected to vary, and has not, is not simulated further."""
 
 PATH_CHUNK, PATH_TILES = 2048, 2
 
@@ -34,6 +36,14 @@ Simulate = Callable[[str, AbstractTechnique, Texture, Batch], Result]
 
 Tell = Callable[[int, int, str, str], None]
 """Done, total, what is being done, and a line to print or ""."""
+
+
+class Simulated(NamedTuple):
+    """MTCD and detail loss, `(runs, sessions)`, and the seconds that each run took."""
+
+    mtcd: np.ndarray
+    detail_loss: np.ndarray
+    seconds: np.ndarray
 
 
 @dataclasses.dataclass
@@ -119,18 +129,25 @@ class Sampler:
 
     def simulated(
         self, scene: str, texture: Texture, batch: Batch, wanted: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """MTCD and detail loss, `(runs, sessions)`; NaN for runs not wanted."""
+    ) -> Simulated:
+        """Simulate the wanted runs, `(runs,)` of bool; the others are NaN."""
         found = np.full((2, len(self.runs), batch.size), np.nan)
+        seconds = np.zeros(len(self.runs))
 
         def one(place: int) -> None:
+            begun = time.perf_counter()
             result = self._simulate(scene, self.runs[place], texture, batch)
             found[:, place] = result.mtcd, result.detail_loss
+            seconds[place] = time.perf_counter() - begun
 
-        # The first time programs compile side by side, one per technique.
-        with ThreadPoolExecutor(1 if self.is_compiled else len(self.runs)) as pool:
-            list(pool.map(one, np.flatnonzero(wanted).tolist()))
-        return found[0], found[1]
+        places = np.flatnonzero(wanted).tolist()
+        if self.is_compiled:
+            for place in places:
+                one(place)
+        else:  # programs compile side by side, one per technique
+            with ThreadPoolExecutor(len(self.runs)) as pool:
+                list(pool.map(one, places))
+        return Simulated(found[0], found[1], seconds)
 
     def predicted(
         self, statistics: PictureStatistics | None, batch: Batch
@@ -159,49 +176,56 @@ class SceneSampler:
         # Runs that may still show something new.
         self._is_open = np.ones(len(sampler.runs), bool)
 
-    def compile(self) -> None:
-        """Compile all programs side by side, before anything is timed."""
-        sampler = self._sampler
-        batch = sampler.batch(sampler.sessions, PILOT_START, CHUNK)
-        with ThreadPoolExecutor() as pool:
-            jobs = [
-                pool.submit(self.pilot_paths),
-                pool.submit(self._predicted, batch),
-                pool.submit(self._simulated, batch),
-            ]
-            for job in jobs:
-                job.result()
-        sampler.is_compiled = True
+    def close(self, runs: np.ndarray) -> None:
+        """Simulate some runs, `(runs,)` of bool, in the least sessions only.
 
-    def _simulated(
-        self, batch: Batch, *, only_open: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
-        wanted = self._is_open if only_open else np.ones_like(self._is_open)
+        Should these vary after all, the runs go on.
+        """
+        self._is_open = ~runs
+
+    def _simulated(self, batch: Batch, runs: np.ndarray | None = None) -> Simulated:
+        every = np.ones_like(self._is_open)
+        wanted = every if runs is None else runs
         return self._sampler.simulated(self._name, self._texture, batch, wanted)
 
     def _predicted(self, batch: Batch) -> np.ndarray:
         """Predictions of each run, mean over tiles, `(runs, sessions)`."""
         return self._sampler.predicted(self._statistics, batch).mean(axis=-1)
 
-    def pilot(self) -> tuple[np.ndarray, np.ndarray, float]:
+    def pilot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """MTCD, simulated and predicted, `(runs, sessions)`; seconds per session.
 
-        A run whose MTCD is the same in every session, as that of a frozen picture, has
-        shown all: beyond `LEAST_SESSIONS` it is not simulated.
+        Seconds are of each run, `(runs,)`, predictions shared out evenly.
         """
-        sampler, found, seconds = self._sampler, [], 0.0
+        sampler, found, seconds = self._sampler, [], np.zeros(0)
         for start in range(PILOT_START, PILOT_START + PILOT_SESSIONS, CHUNK):
             batch = sampler.batch(sampler.sessions, start, CHUNK)
+            # The first chunk may compile: only the last one's time counts.
+            simulated = self._compiled(batch)
             begun = time.perf_counter()
-            mtcd, _ = self._simulated(batch, only_open=True)
-            found.append((mtcd, self._predicted(batch)))
-            seconds = (time.perf_counter() - begun) / CHUNK
-            self._is_open &= mtcd.min(axis=1) != mtcd.max(axis=1)
+            found.append((simulated.mtcd, self._predicted(batch)))
+            shared = (time.perf_counter() - begun) / len(simulated.seconds)
+            seconds = (simulated.seconds + shared) / CHUNK
         simulated, predicted = (
             np.concatenate(x, axis=1) for x in zip(*found, strict=True)
         )
-        known = np.where(self._is_open[:, None], simulated, simulated[:, :1])
-        return known, predicted, seconds
+        return simulated, predicted, seconds
+
+    def _compiled(self, batch: Batch) -> Simulated:
+        """Simulate a batch; the first time all programs compile side by side."""
+        if self._sampler.is_compiled:
+            return self._simulated(batch)
+        with ThreadPoolExecutor() as pool:
+            simulated = pool.submit(self._simulated, batch)
+            others = [
+                pool.submit(self._predicted, batch),
+                pool.submit(self.pilot_paths),
+            ]
+            for other in others:
+                other.result()
+            found = simulated.result()
+        self._sampler.is_compiled = True
+        return found
 
     def pilot_paths(self) -> tuple[np.ndarray, float]:
         """Predictions for some paths, `(runs, paths, tiles)`; seconds per path."""
@@ -223,11 +247,14 @@ class SceneSampler:
             start = cell.simulated.shape[1]
             sampler.tell(start, count, self._name, "")
             batch = sampler.batch(sampler.sessions, start, CHUNK)
-            mtcd, loss = self._simulated(batch, only_open=start >= LEAST_SESSIONS)
-            cell.simulated = np.concatenate([cell.simulated, mtcd], axis=1)
-            is_run = self._is_open | (start < LEAST_SESSIONS)
-            cell.count = np.where(is_run, cell.simulated.shape[1], cell.count)
-            cell.detail_loss = np.concatenate([cell.detail_loss, loss], axis=1)
+            if start == LEAST_SESSIONS:
+                least, most = cell.simulated.min(axis=1), cell.simulated.max(axis=1)
+                self._is_open |= least != most
+            wanted = self._is_open | (start < LEAST_SESSIONS)
+            new = self._simulated(batch, wanted)
+            cell.simulated = np.concatenate([cell.simulated, new.mtcd], axis=1)
+            cell.count = np.where(wanted, cell.simulated.shape[1], cell.count)
+            cell.detail_loss = np.concatenate([cell.detail_loss, new.detail_loss], 1)
             cell.predicted = np.concatenate(
                 [cell.predicted, self._predicted(batch)], axis=1
             )

@@ -182,19 +182,25 @@ class Sessions:
             self.count = len(order)
             self._windows = windows[order]
             self.subjects = [subjects[i] for i in order]
+        self._last: tuple[int, tuple[Motion, Array]] | None = None
 
     def batch(self, start: int, size: int) -> Batch:
         """Sessions from `start` on, `size` of them or what is left."""
         count = min(size, self.count - start)
         # Always as many are drawn at a time, to compile once whatever the size.
-        drawn = [
-            self._drawn(first, _AT_A_TIME)
-            for first in range(start, start + count, _AT_A_TIME)
-        ]
+        first, last = start // _AT_A_TIME, (start + count - 1) // _AT_A_TIME
+        drawn = [self._drawn(block) for block in range(first, last + 1)]
         motion, origins = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *drawn)
-        return Batch(start, motion, origins).select(np.arange(count))
+        chosen = start - first * _AT_A_TIME + np.arange(count)
+        return Batch(start, motion, origins).select(chosen)
 
-    def _drawn(self, start: int, size: int) -> tuple[Motion, Array]:
+    def _drawn(self, block: int) -> tuple[Motion, Array]:
+        """Draw all sessions of a block; the last one is kept, for batches are small."""
+        if self._last is None or self._last[0] != block:
+            self._last = block, self._draw(block * _AT_A_TIME, _AT_A_TIME)
+        return self._last[1]
+
+    def _draw(self, start: int, size: int) -> tuple[Motion, Array]:
         indices = jnp.arange(start, start + size, dtype=jnp.int32)
         origins = _blocks(self._key, self._measure, self._camera, indices)
         if isinstance(self._head, HeadMotion):

@@ -123,8 +123,9 @@ class Study(eqx.Module):
         - `progress`: called before and after each batch.
 
         **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
-        where a session failed, or was not needed in a scene; the attributes say what
-        was run. With a goal, `results.summarize` makes the estimates.
+        where a session failed, or was not needed of a technique in a scene; the
+        attributes say what was run. With a goal, `results.summarize` makes the
+        estimates.
 
         **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
         finite number; `KeyboardInterrupt` leaves all finished batches in `out`.

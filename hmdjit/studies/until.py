@@ -103,9 +103,6 @@ class Until:
             sampler.tell(0, 1, f"{name}: statistics", "")
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
-        if not sampler.is_compiled:
-            sampler.tell(0, 1, f"{name}: compiling", "")
-            measure.compile()
         plan, slope, own_share = self._plan(name, measure)
         if plan.sessions > MOST_SESSIONS:
             raise ValueError(
@@ -164,7 +161,7 @@ class Until:
     ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
         self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
-        simulated, predicted, session_seconds = measure.pilot()
+        simulated, predicted, seconds_each = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
         _refuse_failures(name, ~good)
         simulated, predicted = simulated[:, good], predicted[:, good]
@@ -174,6 +171,10 @@ class Until:
                 slope[run] = np.cov(y, t)[0, 1] / t.var(ddof=1)
         tiles, path_seconds = measure.pilot_paths()
         paths = tiles.mean(axis=-1)
+        # What neither varies nor should has shown all, as a frozen picture.
+        is_still = (np.ptp(simulated, axis=1) == 0) & (np.ptp(tiles, axis=(1, 2)) == 0)
+        measure.close(is_still)
+        session_seconds = float(seconds_each[~is_still].sum())
         # The tiles of a path are drawn apart: what they have in common is its own.
         common = [np.cov(t[:, 0], t[:, -1])[0, 1] for t in tiles]
         spread = predicted.var(axis=1, ddof=1)

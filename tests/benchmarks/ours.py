@@ -15,7 +15,7 @@ from serving import Run, serve
 from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 
 from hmdjit import Camera, Motion, Region, Texture
-from hmdjit.devices import COMPILER_OPTIONS, over_devices
+from hmdjit.devices import compiler_options, over_devices
 from hmdjit.frame import rebased_motion
 from hmdjit.session import fastest_reading, session
 from hmdjit.techniques import HeadMovement
@@ -69,7 +69,6 @@ def refined(picture: np.ndarray) -> np.ndarray:
     return picture
 
 
-@partial(jax.jit, static_argnames=("mesh", "loss"), compiler_options=COMPILER_OPTIONS)
 def _measure(
     texture: Texture,
     camera: Camera,
@@ -106,8 +105,9 @@ def compiled(
     sessions = len(given[-1].offset)
     devices = jax.devices()[: math.gcd(sessions, len(jax.devices()))]
     mesh = Mesh(np.array(devices), ("sessions",))
-    lowered = _measure.lower(*given, mesh=mesh, loss="loss" in additions)
-    program = lowered.compile()
+    static, options = ("mesh", "loss"), compiler_options()
+    measure = jax.jit(_measure, static_argnames=static, compiler_options=options)
+    program = measure.lower(*given, mesh=mesh, loss="loss" in additions).compile()
     return lambda given: np.asarray(program(*given)[0])
 
 

@@ -91,7 +91,7 @@ class Rival:
     """The driver's end of a rival's process."""
 
     def __init__(self, command: Sequence[str], cores: int):
-        self._script = command[0]
+        self._script = " ".join(command)
         self._process = start(list(command), cores)
 
     def ask(self, request: str) -> Any:
