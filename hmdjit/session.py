@@ -4,6 +4,7 @@ Unbatched, not jitted: `simulate` and studies compile it.
 """
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
@@ -193,34 +194,20 @@ def _same_size(one: Region, other: Region) -> bool:
     return (one.width, one.height) == (other.width, other.height)
 
 
-def differentiable_session(
-    texture: Texture,
-    camera: Camera,
-    technique: AbstractTechnique,
-    motion: Motion,
-    region: Region,
-    measured: Region,
-    *,
-    warmup: int,
-    reading: Reading,
-) -> Result:
-    """Simulate a session as `session` does: fast, yet ready for `vmap` and `grad`.
+def differentiable_session(warmup: int, reading: Reading) -> Callable[..., Result]:
+    """Return `session` for these: fast, yet ready for `vmap` and `grad`.
 
     Slices must stay slices: under `jax.vmap` they would become gathers, hundreds of
     times as slow, so a batch runs one session after the other. Derivatives are those of
     the plain gather form, which also vectorises.
     """
-    arguments = (texture, camera, technique, motion, region, measured)
+    run = partial(session, warmup=warmup, reading=reading)
     if reading.sampler != "slices":
-        return session(*arguments, warmup=warmup, reading=reading)
-    plain = dataclasses.replace(reading, sampler="plain")
-    fast = jax.custom_jvp(
-        jax.custom_batching.sequential_vmap(
-            partial(session, warmup=warmup, reading=reading)
-        )
-    )
-    fast.defjvp(partial(jax.jvp, partial(session, warmup=warmup, reading=plain)))
-    return fast(*arguments)
+        return run
+    plain = partial(run, reading=dataclasses.replace(reading, sampler="plain"))
+    fast = jax.custom_jvp(jax.custom_batching.sequential_vmap(run))
+    fast.defjvp(partial(jax.jvp, plain))
+    return fast
 
 
 def fastest_reading() -> Reading:

@@ -1,5 +1,8 @@
 """Simulate one viewing session of a scene: `simulate`."""
 
+from functools import partial
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +18,10 @@ from .session import Result, differentiable_session, fastest_reading
 from .sources import Texture
 from .techniques.base import AbstractTechnique
 
-_jitted_session = jax.jit(differentiable_session, static_argnames=("warmup", "reading"))
+
+@partial(jax.jit, static_argnames=("warmup", "reading"))
+def _jitted_session(*arguments: Any, warmup: int, reading: Reading) -> Result:
+    return differentiable_session(warmup, reading)(*arguments)
 
 
 def simulate(

@@ -271,10 +271,24 @@ def test_a_run_goes_on_if_it_varies_after_all(untyped, sparse):
     cell = samples.Cell.empty(1)
     scene.add_sessions(cell, 256, math.inf)
     assert cell.count.tolist() == [256 if sparse else samples.LEAST_SESSIONS]
-    assert sum(calls) == cell.count[0]
+    assert sum(calls) == cell.count[0] == cell.simulated.shape[1]
     assert not cell.has_failed().any()
-    assert np.isnan(cell.simulated).sum() == 256 - cell.count[0]
     assert cell.estimate(0).value == (1 / 256 if sparse else 0.0)
+
+
+def test_a_budget_is_not_spent_on_what_never_varies():
+    frozen = hj.Study(
+        scenes={"noise": hj.scenes.power_law_noise()},
+        techniques=(Freeze(),),
+        baseline="freeze",
+        head=hj.HeadMotion.fixating(),
+        camera=hj.Camera(64, 64, 8.0, 60.0),
+        measure=Tiles(1, 16),
+        frames=3,
+        warmup=2,
+    ).run(0, budget_s=600.0)
+    assert frozen.sizes["session"] == samples.LEAST_SESSIONS
+    assert not frozen["mtcd"].values.any()
 
 
 def test_a_pilot_that_varies_once_is_not_overwritten(untyped):

@@ -172,7 +172,6 @@ class SceneSampler:
     ):
         self._sampler, self._name = sampler, name
         self._texture, self._statistics = texture, statistics
-
         # Runs that may still show something new.
         self._is_open = np.ones(len(sampler.runs), bool)
 
@@ -250,6 +249,8 @@ class SceneSampler:
             if start == LEAST_SESSIONS:
                 least, most = cell.simulated.min(axis=1), cell.simulated.max(axis=1)
                 self._is_open |= least != most
+            if start >= LEAST_SESSIONS and not self._is_open.any():
+                break
             wanted = self._is_open | (start < LEAST_SESSIONS)
             new = self._simulated(batch, wanted)
             cell.simulated = np.concatenate([cell.simulated, new.mtcd], axis=1)

@@ -111,7 +111,7 @@ class Until:
             )
         if self._goal.budget_s is not None:
             left = max(deadline - time.perf_counter(), 0.0)
-            scale = left / max(plan.seconds, 1e-9)
+            scale = left / plan.seconds if plan.seconds else 1.0  # nothing varies
             plan = dataclasses.replace(
                 plan,
                 sessions=max(LEAST_SESSIONS, int(plan.sessions * scale)),
