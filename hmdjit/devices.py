@@ -55,14 +55,48 @@ def over_devices(
     **Arguments:**
 
     - `one`: takes what all items share, and one item.
-    - `shared`, `items`: any trees; the arrays of `items` have a leading axis, as long
-      as a multiple of the devices of `mesh`.
+    - `shared`, `items`: any trees; the arrays of `items` have a leading axis.
     """
 
     def many(shared: Any, items: Any) -> Any:
         return jax.lax.map(lambda item: one(shared, item), items)
 
+    count = jax.tree.leaves(items)[0].shape[0]
+    each = -(-count // mesh.size)
+    if each * mesh.size > count:  # each device is given as many
+        repeated = np.arange(each * mesh.size, dtype=np.int32) % count
+        items = jax.tree.map(lambda leaf: leaf[repeated], items)
     split = Spec(mesh.axis_names)
-    return jax.shard_map(
+    found = jax.shard_map(
         many, mesh=mesh, in_specs=(Spec(), split), out_specs=split, check_vma=False
     )(shared, items)
+    return jax.tree.map(lambda leaf: leaf[:count], found)
+
+
+class Program:
+    """A function compiled with the `compiler_options`, for no other one to call.
+
+    They are asked for when it is first called: they depend on the platform.
+    """
+
+    def __init__(self, function: Callable, *static: str):
+        functools.update_wrapper(self, function)
+        self._function, self._static = function, static
+
+    @functools.cached_property
+    def jitted(self) -> Any:
+        """The compiled function."""
+        return jax.jit(
+            self._function,
+            static_argnames=self._static,
+            compiler_options=compiler_options(),
+        )
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Call it."""
+        return self.jitted(*arguments, **named)
+
+
+def program(*static: str) -> Callable[[Callable], Program]:
+    """Decorate a function to be compiled as a `Program`; `static` names arguments."""
+    return lambda function: Program(function, *static)

@@ -132,7 +132,7 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
 
 def test_one_compilation_per_technique_serves_all_scenes():
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
-    programs: Any = measuring._program()
+    programs: Any = measuring._measure.jitted
     programs.clear_cache()
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
     # MSAA shares the run of none; the last batch is filled up to the others' size.

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from .. import theory
 from ..camera import Camera
-from ..devices import over_devices
+from ..devices import over_devices, program
 from ..frame import Motion
 from ..picture_statistics import PictureStatistics, cell_numbers
 from ..sources import Texture
@@ -62,27 +63,24 @@ class Controls:
     ) -> Float[np.ndarray, "controls sessions blocks"]:
         """MTCD of each tile by the theory of each control."""
         cells = jax.vmap(partial(cell_numbers, self._camera, self._tile_px))(
-            batch.origins
+            jnp.asarray(batch.origins)
         )
-        count = -(-batch.size // self._mesh.size) * self._mesh.size
-        fill = np.resize(np.arange(batch.size), count)
-        motion = jax.tree.map(lambda leaf: leaf[fill], batch.motion)
         found = [
             _predict(
                 statistics,
                 self._camera,
                 control,
-                motion,
-                cells[fill],
+                batch.motion,
+                cells,
                 mesh=self._mesh,
                 warmup=self._warmup,
             )
             for control in self.controls
         ]
-        return np.stack([np.asarray(f)[: batch.size] for f in found])
+        return np.stack(found)
 
 
-@partial(jax.jit, static_argnames=("mesh", "warmup"))
+@program("mesh", "warmup")
 def _predict(
     statistics: PictureStatistics,
     camera: Camera,

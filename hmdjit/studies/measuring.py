@@ -1,8 +1,7 @@
 """Measuring a batch of sessions: on all devices, each with the halo that it needs."""
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -13,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
-from ..devices import compiler_options, mesh, over_devices
+from ..devices import mesh, over_devices, program
 from ..frame import Motion, Reading
 from ..session import Result, fastest_reading, session
 from ..sources import Texture
@@ -122,10 +121,9 @@ class Runner:
         multiple: int,
         reading: Reading,
     ) -> Result:
-        multiple = -(-multiple // self.mesh.size) * self.mesh.size
         padded = -(-batch.size // multiple) * multiple
         filled = batch.select(np.resize(np.arange(batch.size), padded))
-        result = _program()(
+        result = _measure(
             texture,
             self.camera,
             technique,
@@ -140,13 +138,7 @@ class Runner:
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
-@functools.cache
-def _program() -> Callable[..., Result]:
-    static = ("mesh", "block", "halo", "warmup", "reading")
-    options = compiler_options()
-    return jax.jit(_measure, static_argnames=static, compiler_options=options)
-
-
+@program("mesh", "block", "halo", "warmup", "reading")
 def _measure(
     texture: Texture,
     camera: Camera,
@@ -225,7 +217,7 @@ def _motion_span(
 ) -> Float[np.ndarray, "sessions frames 2 2"]:
     """Range of displacements of a session's blocks by a share of each increment, px."""
     # Filled up to a round number, to compile once for batches and the last of them.
-    filled = batch.select(np.resize(np.arange(batch.size), -(-batch.size // 256) * 256))
+    filled = batch.select(np.resize(np.arange(batch.size), -(-batch.size // 64) * 64))
     spans = np.asarray(
         _spans(
             camera,

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Float64, Int
 from .. import _checks
 from .._types import RandomKey
 from ..camera import Camera
+from ..devices import mesh, over_devices
 from ..frame import Motion
 from ..head_motion import HeadMotion, Trace
 from ..quaternion import rebase
@@ -101,12 +102,15 @@ def _model_motion(
     Sessions are mapped, not vectorised, so that a session's bits do not depend on which
     others are drawn with it.
     """
+    numbers, rest = eqx.partition(head, eqx.is_array)
 
-    def draw(session: Int[Array, ""]) -> Motion:
+    def draw(shared: tuple, session: Int[Array, ""]) -> Motion:
+        key, numbers = shared
         session_key = session_keys(key, session).head
-        return Motion.of(head.sample(session_key, rate_hz, frames, dtype=jnp.float32))
+        mine = eqx.combine(numbers, rest)
+        return Motion.of(mine.sample(session_key, rate_hz, frames, dtype=jnp.float32))
 
-    return jax.lax.map(draw, sessions)
+    return over_devices(draw, (key, numbers), sessions, mesh())
 
 
 @jax.jit
@@ -138,7 +142,7 @@ class Batch(NamedTuple):
 
     start: int
     motion: Motion
-    origins: Int[Array, "sessions blocks 2"]
+    origins: Int[Array | np.ndarray, "sessions blocks 2"]
 
     @property
     def size(self) -> int:
@@ -182,7 +186,7 @@ class Sessions:
             self.count = len(order)
             self._windows = windows[order]
             self.subjects = [subjects[i] for i in order]
-        self._last: tuple[int, tuple[Motion, Array]] | None = None
+        self._last: tuple[int, tuple[Motion, np.ndarray]] | None = None
 
     def batch(self, start: int, size: int) -> Batch:
         """Sessions from `start` on, `size` of them or what is left."""
@@ -190,17 +194,17 @@ class Sessions:
         # Always as many are drawn at a time, to compile once whatever the size.
         first, last = start // _AT_A_TIME, (start + count - 1) // _AT_A_TIME
         drawn = [self._drawn(block) for block in range(first, last + 1)]
-        motion, origins = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *drawn)
+        motion, origins = jax.tree.map(lambda *leaves: np.concatenate(leaves), *drawn)
         chosen = start - first * _AT_A_TIME + np.arange(count)
         return Batch(start, motion, origins).select(chosen)
 
-    def _drawn(self, block: int) -> tuple[Motion, Array]:
+    def _drawn(self, block: int) -> tuple[Motion, np.ndarray]:
         """Draw all sessions of a block; the last one is kept, for batches are small."""
         if self._last is None or self._last[0] != block:
             self._last = block, self._draw(block * _AT_A_TIME, _AT_A_TIME)
         return self._last[1]
 
-    def _draw(self, start: int, size: int) -> tuple[Motion, Array]:
+    def _draw(self, start: int, size: int) -> tuple[Motion, np.ndarray]:
         indices = jnp.arange(start, start + size, dtype=jnp.int32)
         origins = _blocks(self._key, self._measure, self._camera, indices)
         if isinstance(self._head, HeadMotion):
@@ -211,7 +215,7 @@ class Sessions:
         else:
             windows = np.arange(start, start + size) % self.count
             motion = _recorded_motion(jnp.asarray(self._windows[windows], jnp.float32))
-        return motion, origins
+        return jax.tree.map(np.asarray, (motion, origins))
 
 
 @eqx.filter_jit
