@@ -5,6 +5,7 @@ techniques to them, and reports how much each flickers, how much detail it costs
 how sure that is.
 """
 
+from . import curves as curves
 from . import metrics as metrics
 from . import quaternion as quaternion
 from . import scenes as scenes

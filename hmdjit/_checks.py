@@ -57,6 +57,16 @@ def whole(name: str, value: Any, low: int) -> None:
         raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}.")
 
 
+def known_keys(keys: Iterable[str], known: Iterable[str], prefix: str = "") -> None:
+    """Raise unless all `keys` are `known`; suggests the nearest of them."""
+    known = list(known)
+    for key in keys:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f" Did you mean {prefix}{near[0]}?" if near else ""
+            raise ValueError(f"unknown key {prefix}{key}.{hint}")
+
+
 def one_of(name: str, value: str, allowed: Iterable[str]) -> None:
     """Raise unless `value` is one of `allowed`; suggests the nearest of them."""
     allowed = list(allowed)

@@ -9,8 +9,11 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
-from . import color
+from . import color, curves
 from ._types import Mask, Numbers, Plane, Rgb, Scalar
+from .curves import AbstractCurve
+
+_KIM, _LINEAR = curves.Kim(), curves.Linear()
 
 
 def past_color(samples: Sequence[Rgb], weights: Sequence[Scalar]) -> Rgb:
@@ -28,16 +31,19 @@ def past_color(samples: Sequence[Rgb], weights: Sequence[Scalar]) -> Rgb:
     return total
 
 
-def ease(head_speed_deg_s: Numbers | Scalar, h_max_deg_s: Scalar) -> Numbers:
+def ease(
+    head_speed_deg_s: Numbers | Scalar,
+    h_max_deg_s: Scalar,
+    curve: AbstractCurve = _KIM,
+) -> Numbers:
     """Ease curve of head speed: 0 at rest, 1 from `h_max` on.
 
-    `((1 - cos(pi h / h_max)) / 2)^2`, written as `sin(pi h / (2 h_max))^4`, which keeps
-    its digits near rest.
+    `curve(h / h_max)`; the default is `((1 - cos(pi h / h_max)) / 2)^2`.
 
     **Source:** Kim et al., equation (4).
     """
     share = jnp.minimum(head_speed_deg_s, h_max_deg_s) / h_max_deg_s
-    return jnp.sin(jnp.pi / 2 * share) ** 4
+    return curve(share)
 
 
 def color_difference(current: Rgb, history: Rgb, *, kind: str = "euclidean") -> Plane:
@@ -57,14 +63,19 @@ def color_difference(current: Rgb, history: Rgb, *, kind: str = "euclidean") -> 
     return jnp.clip(color.distance(current, history) / 3**0.5, 0.0, 1.0)
 
 
-def localized_minimum(w_min: Scalar, w_lb: Scalar, difference: Numbers) -> Numbers:
+def localized_minimum(
+    w_min: Scalar,
+    w_lb: Scalar,
+    difference: Numbers,
+    curve: AbstractCurve = _LINEAR,
+) -> Numbers:
     """Return the smallest weight of the current picture, lower where it flickers.
 
-    `w_min - (w_min - w_lb) difference`.
+    `w_min - (w_min - w_lb) curve(difference)`.
 
-    **Source:** Kim et al., equation (5).
+    **Source:** Kim et al., equation (5), where the curve is linear.
     """
-    return w_min - (w_min - w_lb) * difference
+    return w_min - (w_min - w_lb) * curve(difference)
 
 
 def current_weight(minimum: Numbers, ease_of_speed: Numbers) -> Numbers:

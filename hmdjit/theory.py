@@ -159,7 +159,7 @@ def _predict(
         of_pairs = jax.vmap(statistics.difference, 1)
         return CODE_VALUES * jnp.mean(of_pairs(scene_moves[:, warmup + 1 :]), axis=0)
     speed_deg_s = jax.vmap(quaternion.angle)(turn) * camera.refresh_hz * (180 / np.pi)
-    easing = blending.ease(speed_deg_s, technique.h_max_deg_s)
+    easing = blending.ease(speed_deg_s, technique.h_max_deg_s, technique.ease)
 
     closeness = _closeness(technique)
     measured = jnp.arange(warmup + 1, turn.shape[0], dtype=jnp.int32)
@@ -210,7 +210,10 @@ def _blending(
         move, easing = now
         difference = root(squared(lag - compared * move)) / 3**0.5
         minimum = blending.localized_minimum(
-            technique.w_min, technique.w_lb, jnp.minimum(difference, 1.0)
+            technique.w_min,
+            technique.w_lb,
+            jnp.minimum(difference, 1.0),
+            technique.localization,
         )
         weight = blending.current_weight(minimum, easing)
         lag = (1 - weight) * (lag - closeness * move)

@@ -15,7 +15,7 @@ PACKAGE = Path(hmdjit.__file__).parent
 # Modules and folders, from the ground up; those on one line do not know each other.
 # A line may name what is not written yet.
 LINES = [
-    ("_types", "_checks", "_files", "_version"),
+    ("_types", "_checks", "_files", "_toml", "_version"),
     ("quaternion",),
     ("camera",),
     ("sample_patterns",),
@@ -28,6 +28,7 @@ LINES = [
     ("scenes",),
     ("rendering",),
     ("reprojection",),
+    ("curves",),
     ("blending",),
     ("neighborhood", "edges"),
     ("techniques",),
@@ -57,7 +58,7 @@ FOLDERS = {
         ("fitting",),
     ],
     "scenes": [("base",), ("*",), ("study_set",)],
-    "techniques": [("base",), ("*",)],
+    "techniques": [("base",), ("*",), ("curve_file",)],
     "metrics": [("base",), ("*",)],
     "studies": [
         ("intervals",),

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import hmdjit as hj
+from hmdjit import curves
 from hmdjit.session import Result
 from hmdjit.studies.batches import Store, fingerprint
 
@@ -14,6 +15,11 @@ def test_fingerprint_depends_on_every_number_and_type():
         kim(closeness=(0.5,)),
         kim(resolve=hj.techniques.SSAA(2)),
         kim(space="linear"),
+        kim(ease=curves.Linear()),
+        kim(ease=curves.Cosine(2.0)),
+        kim(ease=curves.Cosine(2.5)),
+        kim(localization=curves.Kim()),
+        kim(localization=curves.Spline((1, 2, 1))),
         hj.Camera(),
         hj.Camera(fov_deg=95.0),
         hj.HeadMotion.seated(),
@@ -34,6 +40,11 @@ def test_fingerprint_depends_on_every_number_and_type():
     assert fingerprint(kim()) == fingerprint(kim())
 
 
+def test_a_label_changes_no_fingerprint():
+    kim = hj.techniques.HeadMovement
+    assert fingerprint(kim(label="a")) == fingerprint(kim(label="b"))
+
+
 def test_fingerprint_refuses_what_it_cannot_take_apart():
     with pytest.raises(TypeError, match="fingerprint of a function"):
         fingerprint(lambda: 0)
@@ -50,6 +61,16 @@ def test_a_kept_batch_is_found_by_its_key_only(tmp_path):
     assert store.find("none-noise-0", "b" * 64) is None
     assert store.find("none-noise-1", "a" * 64) is None
     assert [path.suffix for path in (tmp_path / "batches").iterdir()] == [".npz"]
+
+
+def test_names_of_kept_batches_are_names_of_files_anywhere(tmp_path):
+    store = Store(tmp_path)
+    store.keep(
+        "head_movement:a+ssaa2-<b/c>-0", "a" * 64, Result(np.ones(1), np.ones(1))
+    )
+    (file,) = (tmp_path / "batches").iterdir()
+    assert file.name == f"head_movement_a+ssaa2-_b_c_-0-{'a' * 16}.npz"
+    assert store.find("head_movement:a+ssaa2-<b/c>-0", "a" * 64) is not None
 
 
 def test_a_damaged_batch_counts_as_unfinished(tmp_path):

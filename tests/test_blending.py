@@ -4,7 +4,7 @@ import numpy as np
 import oracles
 import pytest
 
-from hmdjit import blending
+from hmdjit import blending, curves
 
 SIZE = (3, 5, 4)
 DTYPES = [np.float32, np.float64]
@@ -65,6 +65,26 @@ def test_ease_is_exactly_0_at_rest_and_1_from_h_max_on(dtype):
 def test_ease_rises_with_speed():
     curve = blending.ease(jnp.linspace(0.0, 25.0, 500), 25.0)
     assert (jnp.diff(curve) > 0).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_by_default_ease_and_localisation_are_kims_to_the_bit(rng, dtype):
+    speed, difference = (jnp.asarray(rng.random(1000).astype(dtype)) for _ in "hd")
+    share = jnp.minimum(40 * speed, 25.0) / 25.0
+    ours = blending.ease(40 * speed, 25.0)
+    np.testing.assert_array_equal(ours, jnp.sin(jnp.pi / 2 * share) ** 4)
+    ours = blending.localized_minimum(0.3, 0.1, difference)
+    np.testing.assert_array_equal(ours, 0.3 - (0.3 - 0.1) * difference)
+
+
+def test_other_curves_take_the_place_of_kims():
+    spline = curves.Spline((1.0, 0.0, 1.0))
+    speeds = jnp.asarray([0.0, 6.25, 12.5, 18.75, 25.0, 400.0])
+    # The slope falls from 2 to 0 and rises again.
+    expected = [0, 0.375, 0.5, 0.625, 1, 1]
+    np.testing.assert_allclose(blending.ease(speeds, 25.0, spline), expected)
+    ours = blending.localized_minimum(0.3, 0.1, speeds[:5] / 25, spline)
+    np.testing.assert_allclose(ours, 0.3 - 0.2 * np.array(expected[:5]))
 
 
 def test_gradients_of_ease_are_finite_and_correct():

@@ -145,7 +145,12 @@ WRONG_STUDIES = [
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
     (["--tiles", "4096"], r"tiles count must lie in \[1, 256\], got 4096"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
-    (["{bad_value}"], r"\[head_movement\] does not fit"),
+    (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of num"),
+    (
+        ["{bad_range}"],
+        r"bad_range.toml: head_movement.w_min must lie in \[0, 1\], got 2",
+    ),
+    (["--techniques", "head_movement:{missing_toml}"], r"missing.toml: cannot be read"),
     (["{bad_syntax}"], r"bad_syntax.toml: not a TOML file"),
     (["{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--head", "fixatin"], r"head must be one of .* Did you mean 'fixating'\?"),
@@ -169,6 +174,7 @@ def places(tmp_path):
         "bad_table": ("bad_table.toml", "[head_movement]\nwmin = 0.3\n"),
         "bad_type": ("bad_type.toml", "sessions = 'many'\n"),
         "bad_value": ("bad_value.toml", "[head_movement]\ncloseness = 0.5\n"),
+        "bad_range": ("bad_range.toml", "[head_movement]\nw_min = 2\n"),
         "bad_head": ("bad_head.toml", "head = 3\n"),
         "bad_syntax": ("bad_syntax.toml", "sessions = = 3\n"),
     }

@@ -7,7 +7,7 @@ import oracles
 import pytest
 
 import hmdjit as hj
-from hmdjit import techniques
+from hmdjit import curves, techniques
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 
 HZ = 60.0
@@ -199,6 +199,18 @@ def test_a_still_head_forgets_geometrically(rng):
     shown = applied(technique, frames, STILL[:6])
     left = 0.7 ** np.arange(6)[:, None, None, None]
     np.testing.assert_allclose(shown, after + left * (before - after), atol=1e-14)
+
+
+def test_curves_of_speed_and_difference_are_the_techniques_own():
+    ease, localization = curves.Cosine(0.5), curves.Spline((3.0, 1.0, 1.0))
+    technique = HeadMovement(ease=ease, localization=localization)
+    # Two greys, 1/2 apart, so that displacement does not matter.
+    frames = np.stack([np.full(SIZE, 0.25), np.full(SIZE, 0.75)])
+    shown = applied(technique, frames, turning(25 / 3))
+    weight = (shown[1] - 0.25)[3:-3, 3:-3] / 0.5
+    # The spline's slope falls from 12/5 to 2/5 at the middle; sin(pi / 6) = 1/2.
+    minimum = 0.3 - 0.2 * (12 / 5 + 2 / 5) / 4
+    np.testing.assert_allclose(weight, minimum + (1 - minimum) / 2, rtol=1e-12)
 
 
 def test_flickering_pixels_are_held_back_more():
@@ -425,6 +437,14 @@ def test_ids_round_trip(id):
     assert techniques.by_id(id).id == id
 
 
+def test_a_label_is_part_of_the_id():
+    assert HeadMovement(label="a").id == "head_movement:a"
+    resolving = HeadMovement(label="a", resolve=SSAA(2))
+    assert resolving.id == resolving.on_pictures().id == "head_movement:a+ssaa2"
+    multisampled = HeadMovement(label="a", resolve=MSAA(4)).on_pictures()
+    assert multisampled == HeadMovement(label="a")
+
+
 @pytest.mark.parametrize(
     ("id", "suggestion"),
     [("head_movment", "head_movement"), ("msa4", "msaa4"), ("noone", "none")],
@@ -445,6 +465,8 @@ def test_an_unknown_id_is_refused_with_the_nearest_one(id, suggestion):
         "head_movement+freeze",
         "ssaa2+",
         "head_movement+",
+        "head_movement:",
+        "msaa4:curve.toml",
     ],
 )
 def test_what_is_no_id_is_refused(id):

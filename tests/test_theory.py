@@ -10,7 +10,7 @@ import scipy.ndimage
 from jax.flatten_util import ravel_pytree
 
 import hmdjit as hj
-from hmdjit import theory
+from hmdjit import curves, theory
 from hmdjit.picture_statistics import PictureStatistics, cell_numbers
 from hmdjit.session import session
 from hmdjit.studies.measuring import Runner
@@ -215,6 +215,32 @@ def test_weights_that_follow_head_speed(rng):
         assert ours == pytest.approx(float(mtcd), rel=bound)
         slow = predicted(statistics, Plain(), motion, memory=0)[OFF_CENTRE]
         assert mtcd > 1.05 * slow
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        {"ease": curves.Cosine(0.5)},
+        # Rises in the first 31st, where all differences lie.
+        {"w_lb": 0.0, "localization": curves.Spline((1.0, *[0.0] * 31))},
+    ],
+    ids=["ease", "localization"],
+)
+def test_weights_of_other_curves(rng, curve):
+    turns = turns_of(rng)
+    fastest_deg_s = 0.03 * np.degrees(np.linalg.norm(turns, axis=1).max()) * 60
+    motion, statistics = motion_of(0.03 * turns), statistics_of(COLORED)
+    speeds = {"h_max_deg_s": 2 * fastest_deg_s} if "ease" in curve else {}
+
+    def change(mtcd):  # by the curve alone
+        kims = {name: value for name, value in curve.items() if name == "w_lb"}
+        return float(mtcd(Plain(**speeds, **curve)) / mtcd(Plain(**speeds, **kims)) - 1)
+
+    ours = change(lambda t: simulated(COLORED, t, motion))
+    theirs = change(lambda t: predicted(statistics, t, motion, memory=0)[OFF_CENTRE])
+    print(f"\nchanges by {ours:.2e}, in theory {theirs:.2e}")
+    assert ours == pytest.approx(theirs, rel=0.05)
+    assert abs(ours) > 1e-3
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 import hmdjit as hj
+from hmdjit import blending
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame, required_halo_px
 from hmdjit.techniques.base import HistoryReach
 
@@ -104,6 +105,46 @@ def test_halo_agrees_with_growing_it(rng, mean):
         assert halo <= max(each) <= halo + 1
 
 
+@pytest.mark.parametrize("difference", ["euclidean", "max_channel", "same_pixel"])
+@pytest.mark.parametrize(
+    "curve", [hj.curves.Linear(), hj.curves.Cosine(4.0), hj.curves.Spline((0, 1, 9))]
+)
+def test_what_remains_of_an_error_in_the_history_is_within_the_gain(
+    rng, curve, difference
+):
+    kim = hj.techniques.HeadMovement(
+        0.6, 0.1, localization=curve, ease=curve, difference=difference
+    )
+    speed = 11.0
+    span = lambda share: np.zeros((1, 2, 2))
+    gain = kim.history_reach(np.array([speed]), span).gain[0]
+    easing = float(blending.ease(speed, 25.0, curve))
+    if isinstance(curve, hj.curves.Linear):
+        assert gain == pytest.approx((1 - 0.6 + 2 * 0.5) * (1 - easing), rel=1e-14)
+
+    def shown(current, history, same):
+        compared = same if difference == "same_pixel" else history
+        kind = "euclidean" if difference == "same_pixel" else difference
+        apart = blending.color_difference(current, compared, kind=kind)
+        minimum = blending.localized_minimum(0.6, 0.1, apart, curve)
+        weight = blending.current_weight(minimum, jnp.asarray(easing)[None, None])
+        return blending.blend(current, history, weight)
+
+    # Also black against white, where most remains.
+    current, history, same = (
+        jnp.asarray(np.round(rng.random((3, 3, 200, 200)) * 4) / 4)[i] for i in range(3)
+    )
+    error = jnp.asarray(rng.choice([-1, 1], (3, 200, 200)) * 10.0 ** rng.uniform(-6, 0))
+    left = shown(current, history + error, same + error) - shown(current, history, same)
+    # Distances of all channels together: an error of colours, not of a channel.
+    size = lambda planes: np.linalg.norm(planes, axis=0)
+    if difference == "max_channel":
+        size = lambda planes: np.abs(planes).max(axis=0)
+    share = (size(left) / size(error)).max()
+    assert share <= gain
+    assert share > 0.2 * gain
+
+
 def test_halo_is_zero_at_rest_and_grows_with_motion():
     gains = np.full((1, 22), 0.9)
     halos = [
@@ -120,10 +161,20 @@ def test_motion_away_from_an_edge_needs_no_halo():
     assert required_halo_px(reach)[0] == 0
 
 
-def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng):
+STEEP = hj.curves.Cosine(4.0)
+
+
+@pytest.mark.parametrize(
+    ("kim", "widest_px"),
+    [
+        (hj.techniques.HeadMovement(), 30),
+        (hj.techniques.HeadMovement(0.5, 0.1, ease=STEEP, localization=STEEP), 40),
+    ],
+    ids=["kim", "steep"],
+)
+def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng, kim, widest_px):
     """Change everything beyond the derived halo: the measured block does not see it."""
     camera = hj.Camera(96, 96, fov_deg=20.0)
-    kim = hj.techniques.HeadMovement()
     turns = np.cumsum(rng.normal(0, 4e-4, (16, 3)), axis=0)
     poses = jax.vmap(hj.quaternion.exp)(jnp.asarray(turns))
     motion = hj.Motion.of(poses)
@@ -135,7 +186,7 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng):
     )[None]
     speed = np.degrees(np.linalg.norm(motion.increment, axis=1)) * 60
     (halo,) = required_halo_px(kim.history_reach(speed[None], span))
-    assert 4 < halo < 30
+    assert 4 < halo < widest_px
 
     frames = rng.random((16, 96, 96, 3))
     changed = 1 - frames

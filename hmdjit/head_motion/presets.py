@@ -5,7 +5,6 @@ A table has the names of `HeadMotion`'s fields as keys; `source`, `fit` and
 """
 
 import dataclasses
-import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import Any
 
 import equinox as eqx
 
-from .. import _checks
+from .. import _checks, _toml
 from .._files import written_atomically
 from .parameters import Amplitude, PerAxis, Resonator
 from .process import HeadMotion
@@ -59,7 +58,7 @@ def write(
     **Arguments:** `about`: the file's `source`, `fit` and `standard_error`, if any.
     """
     table = {**to_table(head), **about}
-    lines = [f"{key} = {_text(value)}" for key, value in table.items()]
+    lines = [f"{key} = {_toml.text(value, 6)}" for key, value in table.items()]
     with written_atomically(path) as unfinished:
         unfinished.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
@@ -116,18 +115,3 @@ def _config(
         return kind(**table, **nested)
     except ValueError as error:
         raise ValueError(f"{place}{error}") from None
-
-
-def _text(value: Any) -> str:
-    """Return a value as TOML, on one line."""
-    if isinstance(value, Mapping):
-        pairs = (f"{key} = {_text(entry)}" for key, entry in value.items())
-        return "{ " + ", ".join(pairs) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_text, value)) + "]"
-    if isinstance(value, str | bool):
-        # Escapes what TOML wants escaped, but for one control character.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    text = str(value) if isinstance(value, int) else f"{float(value):.6g}"
-    is_whole = isinstance(value, float) and text.lstrip("-").isdigit()
-    return f"{text}.0" if is_whole else text

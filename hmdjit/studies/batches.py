@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import hashlib
 import inspect
+import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,12 @@ import numpy as np
 
 from .._files import written_atomically
 from ..session import Result
+
+# What a thing is called decides nothing.
+_NAMES = ("name", "label")
+
+# What no file of Windows may have in its name; ids and scenes may.
+_UNNAMEABLE = re.compile(r'[<>:"/\\|?*]')
 
 
 def fingerprint(*parts: Any) -> str:
@@ -56,7 +63,7 @@ def _absorb(digest: Any, part: Any) -> None:
             _absorb(digest, value)
     elif dataclasses.is_dataclass(part):
         for field in dataclasses.fields(part):
-            if field.name != "name":  # what a thing is called decides nothing
+            if field.name not in _NAMES:
                 digest.update(field.name.encode())
                 _absorb(digest, getattr(part, field.name))
     else:
@@ -90,4 +97,4 @@ class Store:
 
     def _path(self, name: str, key: str) -> Path:
         assert self._folder is not None
-        return self._folder / f"{name}-{key[:16]}.npz"
+        return self._folder / f"{_UNNAMEABLE.sub('_', name)}-{key[:16]}.npz"

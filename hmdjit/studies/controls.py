@@ -35,6 +35,8 @@ def control_of(technique: AbstractTechnique) -> AbstractTechnique:
             technique.h_max_deg_s,
             technique.closeness,
             technique.weights,
+            ease=technique.ease,
+            localization=technique.localization,
         )
     return NoAntialiasing()
 

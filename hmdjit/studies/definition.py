@@ -5,18 +5,17 @@ the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 """
 
 import dataclasses
-import difflib
 import itertools
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import _checks, scenes, techniques
+from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion, Trace, presets
 from ..scenes.base import AbstractScene
+from ..techniques import HeadMovement, curve_file
 from ..techniques.base import AbstractTechnique
 from .sessions import Replay
 from .study import Study, check_seed
@@ -55,7 +54,9 @@ class Options:
         f"writes it (default: {HEAD}).",
     )
     techniques: tuple[str, ...] | None = _option(
-        "ID...", f"Techniques (default: {' '.join(TECHNIQUES)})."
+        "ID...",
+        "Techniques; head_movement:FILE.toml has its numbers and curves from a file "
+        f"(default: {' '.join(TECHNIQUES)}).",
     )
     baseline: str | None = _option(
         "ID", "The technique that ratios refer to (default: msaa4, else none)."
@@ -105,42 +106,35 @@ _RIVALS = (
 def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
     """Read a STUDY.toml: the keys of `Options` and a `[head_movement]` table.
 
-    Relative paths in it are relative to the file.
+    Relative paths in it are relative to the file. The table becomes arguments of
+    `techniques.HeadMovement`.
 
     **Errors:** `ValueError` naming the file, and the key with the nearest known one.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a TOML file: {error}.") from None
-    parameters = content.pop("head_movement", {})
+    content = _toml.read(path)
+    table = content.pop("head_movement", {})
     kinds = {field.name: str(field.type) for field in dataclasses.fields(Options)}
-    _refuse_unknown(path, content, kinds)
-    tunable = _tunable()
-    if not isinstance(parameters, dict):
-        raise ValueError(f"{path}: head_movement must be a table, got {parameters!r}.")
-    _refuse_unknown(path, parameters, tunable, "head_movement.")
+    try:
+        _checks.known_keys(content, kinds)
+        parameters = curve_file.parameters(table)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     values = {
         key: _convert(path, key, kinds[key], value) for key, value in content.items()
     }
     if "head" in values and is_head_file(path.parent / values["head"]):
         values["head"] = str(path.parent / values["head"])
+    if "techniques" in values:
+        values["techniques"] = tuple(
+            _beside(path.parent, id) for id in values["techniques"]
+        )
     return Options(**values), parameters
 
 
-def _tunable() -> list[str]:
-    fields = dataclasses.fields(techniques.HeadMovement)
-    return [field.name for field in fields if field.name != "resolve"]
-
-
-def _refuse_unknown(path: Path, keys: Any, known: Any, prefix: str = "") -> None:
-    for key in keys:
-        if key not in known:
-            near = difflib.get_close_matches(key, list(known), n=1)
-            hint = f" Did you mean {prefix}{near[0]}?" if near else ""
-            raise ValueError(f"{path}: unknown key {prefix}{key}.{hint}")
+def _beside(folder: Path, id: str) -> str:
+    """Technique's id, with the file that it names taken from a folder."""
+    family, colon, path = id.partition(":")
+    return f"{family}:{folder / path}" if colon else id
 
 
 def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
@@ -187,7 +181,8 @@ def _said(options: Options) -> dict[str, Any]:
 def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> Study:
     """Make the study that some options describe.
 
-    **Arguments:** `head_movement`: parameters of `techniques.HeadMovement`.
+    **Arguments:** `head_movement`: parameters of `techniques.HeadMovement`, for those
+    that are not read from files.
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
     """
@@ -251,17 +246,17 @@ def _techniques(
     chosen = [techniques.by_id(id) for id in options.techniques or TECHNIQUES]
     if not head_movement:
         return chosen
-    if not any(isinstance(t, techniques.HeadMovement) for t in chosen):
+    if not any(isinstance(t, HeadMovement) and not t.label for t in chosen):
         raise ValueError(
             "[head_movement] is set, but no such technique is in the study."
         )
     try:
-        techniques.HeadMovement(**head_movement)
+        HeadMovement(**head_movement)
     except (TypeError, ValueError) as error:
         raise ValueError(f"[head_movement] does not fit: {error}") from None
     return [
-        techniques.HeadMovement(**head_movement, resolve=technique.resolve)
-        if isinstance(technique, techniques.HeadMovement)
+        HeadMovement(**head_movement, resolve=technique.resolve)
+        if isinstance(technique, HeadMovement) and not technique.label
         else technique
         for technique in chosen
     ]

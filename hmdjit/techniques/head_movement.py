@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from .. import _checks, blending, color, quaternion, reprojection
 from .._types import Mask, Rgb, Scalar
+from ..curves import AbstractCurve, Kim, Linear
 from ..frame import Displacement, Frame, Motion
 from ..sources import History
 from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
@@ -38,9 +39,12 @@ class HeadMovement(AbstractTechnique):
     - `difference`: what localises the weight: `"euclidean"` and `"max_channel"` compare
       with the reprojected past, `"same_pixel"` with the last displayed pixel.
     - `space`: colour space of everything above, `"gamma"` or `"linear"`.
+    - `ease`: the curve by which head speed, over `h_max_deg_s`, counts.
+    - `localization`: the curve by which the difference of past and present counts.
+    - `label`: part of the id, to tell several in one study apart; decides nothing.
 
-    **Source:** Kim et al., equations (1) to (5), with the paper's constants as
-    defaults. Where `Frame.static_mask` is False the current picture is shown.
+    **Source:** Kim et al., equations (1) to (5), with the paper's constants and curves
+    as defaults. Where `Frame.static_mask` is False the current picture is shown.
     """
 
     w_min: Scalar = eqx.field(converter=_checks.number, default=0.3)
@@ -53,6 +57,9 @@ class HeadMovement(AbstractTechnique):
     resolve: AbstractSpatial | None = None
     difference: str = eqx.field(static=True, default="euclidean")
     space: str = eqx.field(static=True, default="gamma")
+    ease: AbstractCurve = eqx.field(default_factory=Kim)
+    localization: AbstractCurve = eqx.field(default_factory=Linear)
+    label: str = eqx.field(static=True, default="")
 
     def __check_init__(self):
         _checks.in_range("w_min", self.w_min, 0, 1)
@@ -82,8 +89,9 @@ class HeadMovement(AbstractTechnique):
 
     @property
     def id(self) -> str:
-        """`head_movement`, with what it resolves, as `head_movement+ssaa2`."""
-        return "head_movement" + (f"+{self.resolve.id}" if self.resolve else "")
+        """`head_movement:label+ssaa2`, with its label and what it resolves, if any."""
+        label = f":{self.label}" if self.label else ""
+        return f"head_movement{label}" + (f"+{self.resolve.id}" if self.resolve else "")
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -132,7 +140,7 @@ class HeadMovement(AbstractTechnique):
         """Equations (1) to (5)."""
         current = self._current(frame)
         speed_rad = quaternion.angle(motion.increment) * frame.camera.refresh_hz
-        easing = blending.ease(speed_rad * (180 / np.pi), self.h_max_deg_s)
+        easing = blending.ease(speed_rad * (180 / np.pi), self.h_max_deg_s, self.ease)
 
         past = [
             reprojection.past_position(frame, motion.increment, d)
@@ -152,7 +160,9 @@ class HeadMovement(AbstractTechnique):
             difference = blending.color_difference(
                 current, history, kind=self.difference
             )
-        minimum = blending.localized_minimum(self.w_min, self.w_lb, difference)
+        minimum = blending.localized_minimum(
+            self.w_min, self.w_lb, difference, self.localization
+        )
         weight = blending.current_weight(minimum, easing)
         displayed = blending.blend(current, history, weight)
 
@@ -183,13 +193,18 @@ class HeadMovement(AbstractTechnique):
     ) -> HistoryReach:
         """History moves by `1 - d` of a frame's motion and keeps at most its gain.
 
-        An error e in the history changes `(1 - A) H` by `(1 - A) e`, and A itself
-        through equation (5) by at most `(w_min - w_lb) e` at the largest difference,
-        where `1 - A` is largest too: `(1 - w_min + 2 (w_min - w_lb)) (1 - E)` in all.
+        An error e in the history changes `(1 - A) H` by `(1 - A) e`, at most
+        `(1 - w_lb) (1 - E) e`; and A itself through equation (5) by at most
+        `s (w_min - w_lb) (1 - E) e`, with s the localisation's steepest slope, which
+        counts by how far H is from the present, at most 1. In all that is
+        `(1 - w_min + (1 + s) (w_min - w_lb)) (1 - E)`.
         """
-        easing = np.asarray(blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s))
+        easing = np.asarray(
+            blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s, self.ease)
+        )
         w_min, w_lb = float(self.w_min), float(self.w_lb)
-        gain = (1 - w_min + 2 * (w_min - w_lb)) * (1 - easing)
+        steepest = self.localization.steepest
+        gain = (1 - w_min + (1 + steepest) * (w_min - w_lb)) * (1 - easing)
         inwards = []
         for d in self.closeness:
             low, high = np.moveaxis(span_px(1 - float(d)), -2, 0)
