@@ -180,7 +180,10 @@ def session(
     steps = jnp.arange(first, frames, dtype=jnp.int32)
     motions = jax.tree.map(lambda leaf: leaf[first:], motion)
     start = (state, previous, jnp.zeros(2, dtype))
-    (_, _, total), _ = jax.lax.scan(advance, start, (steps, motions))
+    # Reverse mode then keeps of each frame only what goes on to the next one.
+    is_plain = reading.sampler == "plain"
+    step = jax.checkpoint(advance, prevent_cse=False) if is_plain else advance
+    (_, _, total), _ = jax.lax.scan(step, start, (steps, motions))
     flicker, loss = total / (measured.width * measured.height)
     pairs = frames - warmup - 1
     nothing = jnp.where(is_covered, 0.0, jnp.nan).astype(dtype)

@@ -71,7 +71,7 @@ def simulate(
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
-    _check_texture(texture, camera, region)
+    check_texture(texture, camera, region)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
     stored = texture.color_texels.dtype
@@ -91,7 +91,8 @@ def simulate(
     )
 
 
-def _check_texture(texture: Texture, camera: Camera, region: Region) -> None:
+def check_texture(texture: Texture, camera: Camera, region: Region) -> None:
+    """Raise unless a texture was baked for a camera, and a region lies in its frame."""
     k, margin = texture.oversampling, texture.margin_px
     expected = (k * (camera.height_px + 2 * margin), k * (camera.width_px + 2 * margin))
     *_, rows, columns = texture.color_texels.shape

@@ -120,6 +120,36 @@ def ratio_interval(
     return _interval(value, influence, np.stack([x, y]), statistic, clusters, "delta")
 
 
+def log_ratio_derivative_interval(
+    x: Sessions, y: Sessions, dx: Sessions, dy: Sessions
+) -> Interval:
+    """Differentiate the logarithm of a ratio of means, `ln(mean(x) / mean(y))`.
+
+    The estimate is `mean(dx) / mean(x) - mean(dy) / mean(y)`; the influence of session
+    i on `mean(dx) / mean(x) = D` is `(dx_i - D x_i) / mean(x)`, that on the other
+    alike: one residual per session, paired over all four.
+
+    **Arguments:**
+
+    - `x`, `y`: MTCD of a technique and of the baseline in the same sessions, code
+      values; finite.
+    - `dx`, `dy`: their derivatives with respect to one parameter.
+
+    **Returns:** the interval, in units of one over the parameter's; NaN unless
+    `mean(x)` is positive and `mean(y)` exceeds `MIN_BASELINE_MTCD`.
+    """
+    data = np.stack([np.asarray(values, float) for values in (x, y, dx, dy)])
+    x_mean, y_mean, dx_mean, dy_mean = data.mean(axis=1)
+    if not (x_mean > 0 and y_mean > MIN_BASELINE_MTCD):
+        return _none(NO_FLICKER)
+    of_x, of_y = dx_mean / x_mean, dy_mean / y_mean
+    influence = (data[2] - of_x * data[0]) / x_mean - (
+        data[3] - of_y * data[1]
+    ) / y_mean
+    statistic = lambda means: means[2] / means[0] - means[3] / means[1]
+    return _interval(float(of_x - of_y), influence, data, statistic, None, "delta")
+
+
 def geometric_mean_ratio(
     x: Cells, y: Cells, clusters: Subjects | None = None
 ) -> Interval:

@@ -138,6 +138,19 @@ class Runner:
         return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
 
 
+def regions(
+    camera: Camera, origin: Int[Array, "2"], block: tuple[int, int], halo: int
+) -> tuple[Region, Region]:
+    """Return what is simulated for a block, halo and all, and the block itself."""
+    width = min(block[0] + 2 * halo, camera.width_px)
+    height = min(block[1] + 2 * halo, camera.height_px)
+    x0, y0 = origin
+    # The region is shifted to stay within the frame: there its edge is the frame's.
+    left = jnp.clip(x0 - halo, 0, camera.width_px - width)
+    top = jnp.clip(y0 - halo, 0, camera.height_px - height)
+    return Region(left, top, width, height), Region(x0, y0, *block)
+
+
 @program("mesh", "block", "halo", "warmup", "reading")
 def _measure(
     texture: Texture,
@@ -153,26 +166,20 @@ def _measure(
     reading: Reading,
 ) -> Result:
     """Measure sessions: mapped one by one, the mean over their blocks each."""
-    width = min(block[0] + 2 * halo, camera.width_px)
-    height = min(block[1] + 2 * halo, camera.height_px)
 
     def one_session(shared: tuple, mine: tuple) -> Result:
         texture, camera, technique = shared
         motion, origins = mine
 
         def one_block(origin: Int[Array, "2"]) -> Result:
-            x0, y0 = origin
-            # The region is shifted to stay within the frame: there its edge is the
-            # frame's.
-            left = jnp.clip(x0 - halo, 0, camera.width_px - width)
-            top = jnp.clip(y0 - halo, 0, camera.height_px - height)
+            region, measured = regions(camera, origin, block, halo)
             return session(
                 texture,
                 camera,
                 technique,
                 motion,
-                Region(left, top, width, height),
-                Region(x0, y0, *block),
+                region,
+                measured,
                 warmup=warmup,
                 reading=reading,
             )

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float64, Int
+from jaxtyping import Array, DTypeLike, Float, Float64, Int
 
 from .. import _checks
 from .._types import RandomKey
@@ -96,8 +96,9 @@ def _model_motion(
     sessions: Int[Array, " sessions"],
     rate_hz: float,
     frames: int,
+    dtype: DTypeLike,
 ) -> Motion:
-    """Head paths of sessions, drawn from a model: float32, `(sessions, frames, 3)`.
+    """Head paths of sessions, drawn from a model, `(sessions, frames, 3)`.
 
     Sessions are mapped, not vectorised, so that a session's bits do not depend on which
     others are drawn with it.
@@ -108,7 +109,7 @@ def _model_motion(
         key, numbers = shared
         session_key = session_keys(key, session).head
         mine = eqx.combine(numbers, rest)
-        return Motion.of(mine.sample(session_key, rate_hz, frames, dtype=jnp.float32))
+        return Motion.of(mine.sample(session_key, rate_hz, frames, dtype=dtype))
 
     return over_devices(draw, (key, numbers), sessions, mesh())
 
@@ -163,6 +164,8 @@ class Sessions:
 
     - `count`: how many there are; of a replay, at most its windows.
     - `subjects`: the subject of each, of a replay; else None.
+
+    Paths of a model are drawn in `dtype`: another one draws other paths.
     """
 
     def __init__(
@@ -173,10 +176,12 @@ class Sessions:
         measure: Measurement,
         count: int,
         length: int,
+        *,
+        dtype: DTypeLike = jnp.float32,
     ):
         self._key = study_key(seed)
         self._head, self._camera, self._measure = head, camera, measure
-        self._length = length
+        self._length, self._dtype = length, jnp.dtype(dtype)
         self.count = count
         self.subjects: list[str] | None = None
         if isinstance(head, Replay):
@@ -210,7 +215,7 @@ class Sessions:
         if isinstance(self._head, HeadMotion):
             rate_hz = float(self._camera.refresh_hz)
             motion = _model_motion(
-                self._key, self._head, indices, rate_hz, self._length
+                self._key, self._head, indices, rate_hz, self._length, self._dtype
             )
         else:
             windows = np.arange(start, start + size) % self.count
