@@ -7,6 +7,7 @@ with head speed, so that a moving head sees no lag.
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 
 from . import color, curves
@@ -42,8 +43,25 @@ def ease(
 
     **Source:** Kim et al., equation (4).
     """
-    share = jnp.minimum(head_speed_deg_s, h_max_deg_s) / h_max_deg_s
-    return curve(share)
+    return curve(_share(head_speed_deg_s, h_max_deg_s))
+
+
+@jax.custom_jvp
+def _share(speed: Numbers | Scalar, h_max: Scalar) -> Numbers:
+    """Speed over `h_max`, at most 1: there it is flat.
+
+    Its slope is written in the share: JAX's own has `h_max^-2`, which overflows.
+    """
+    is_full = speed >= h_max
+    return jnp.where(is_full, 1.0, speed / jnp.where(is_full, 1.0, h_max))
+
+
+@_share.defjvp
+def _share_jvp(primals: tuple, tangents: tuple) -> tuple[Numbers, Numbers]:
+    (speed, h_max), (speed_dot, h_max_dot) = primals, tangents
+    share, is_full = _share(speed, h_max), speed >= h_max
+    change = (speed_dot - share * h_max_dot) / jnp.where(is_full, 1.0, h_max)
+    return share, jnp.where(is_full, 0.0, change)
 
 
 def color_difference(current: Rgb, history: Rgb, *, kind: str = "euclidean") -> Plane:

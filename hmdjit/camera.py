@@ -42,9 +42,20 @@ class Camera(eqx.Module):
     @property
     def focal_px(self) -> Scalar:
         """Focal length `(W/2) / tan(fov/2)`, px."""
-        half = self.fov_deg * (np.pi / 360)
-        tangent = jnp.tan(half) if isinstance(half, jax.Array) else float(np.tan(half))
-        return self.width_px / 2 / tangent
+        # Near 180 degrees the cotangent of the rest keeps the digits that pi / 2 - half
+        # would lose: 292 eps at 179.9 degrees.
+        rest = 180 - self.fov_deg
+        is_wide = self.fov_deg > 90
+        if isinstance(self.fov_deg, jax.Array):
+            tangent = jnp.tan(jnp.where(is_wide, rest, self.fov_deg) * (np.pi / 360))
+            return self.width_px / 2 * jnp.where(is_wide, tangent, 1 / tangent)
+        tangent = float(np.tan((rest if is_wide else self.fov_deg) * (np.pi / 360)))
+        return self.width_px / 2 * (tangent if is_wide else 1 / tangent)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether its numbers are in range: known only while running inside `jit`."""
+        return (self.fov_deg > 0) & (self.fov_deg < 180) & (self.refresh_hz > 0)
 
     @property
     def frame_time_s(self) -> Scalar:
@@ -134,8 +145,9 @@ def homography(camera: Camera, rotation: RotationVector) -> Float[Array, "3 3"]:
     to_ray = jnp.array([[1, 0, -x], [0, -1, y], [0, 0, -focal]], dtype) / focal
     # A ray (a, b, c) projects to (W/2 - f a / c, H/2 + f b / c).
     to_pixel = jnp.array([[-focal, 0, x], [0, focal, y], [0, 0, 1]], dtype)
-    turn = jnp.eye(3, dtype=dtype) + quaternion.matrix_minus_identity(rotation)
-    return to_pixel @ turn @ to_ray
+    # K (R - I) K^-1, and K K^-1 = -I: else what the two do not cancel would stay.
+    turn = quaternion.matrix_minus_identity(rotation)
+    return to_pixel @ turn @ to_ray - jnp.eye(3, dtype=dtype)
 
 
 @jax.jit

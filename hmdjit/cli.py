@@ -1,4 +1,4 @@
-"""The command line: `hmdjit study`, `apply`, `head`, `trade-off` and `pick`."""
+"""The command line: `study`, `apply`, `head`, `trade-off`, `pick` and `envelope`."""
 
 import dataclasses
 import re
@@ -15,7 +15,7 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import cli_head, cli_trade_off, clips, metrics, scenes, techniques
+from . import cli_envelope, cli_head, cli_trade_off, clips, metrics, scenes, techniques
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
@@ -85,7 +85,10 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; returns the exit code."""
     commands: dict[str, Any] = {"study": StudyCommand, "apply": ApplyCommand}
     command: Any = tyro.extras.subcommand_cli_from_dict(
-        commands | {"head": cli_head.HeadCommand} | cli_trade_off.COMMANDS,
+        commands
+        | {"head": cli_head.HeadCommand}
+        | cli_trade_off.COMMANDS
+        | cli_envelope.COMMANDS,
         prog="hmdjit",
         description="How much does the picture flicker when a head holds still?",
         args=list(arguments),
@@ -103,6 +106,8 @@ def run(arguments: Sequence[str]) -> int:
         if isinstance(command, cli_trade_off.PickCommand):
             cli_trade_off.pick(command, console)
             return OK
+        if isinstance(command, cli_envelope.EnvelopeCommand):
+            return OK if cli_envelope.run(command, console) else FAILED
         return _study(command, console)
     except KeyboardInterrupt:
         print("hmdjit: stopped.", file=sys.stderr)

@@ -34,7 +34,8 @@ def _displayed(
     first_mask = None if static_mask is None else static_mask[0]
     state = technique.init(frame(samples[0], first_mask))
     _, shown = jax.lax.scan(advance, state, (motion, samples, static_mask))
-    return shown
+    is_valid = jnp.isfinite(motion.offset).all() & camera.is_valid & technique.is_valid
+    return jnp.where(is_valid, shown, jnp.nan)
 
 
 def apply(
@@ -56,7 +57,8 @@ def apply(
     - `static_mask`: True where the scene is static, `(frames, height, width)`.
 
     **Returns:** displayed gamma frames, `(frames, height, width, 3)`; displayed frame 0
-    is frame 0.
+    is frame 0. NaN throughout if, inside compiled code, a pose is no unit quaternion or
+    a number of the camera or of the technique is out of its range.
 
     **Errors:** `ValueError` if sizes, numbers of frames or of samples disagree.
     """

@@ -69,10 +69,13 @@ def checked_motion(
 ) -> Motion:
     """Motion of poses: checked and re-based in float64 unless they are being traced.
 
-    **Errors:** `ValueError` for concrete poses that are not unit quaternions.
+    **Errors:** `ValueError` for concrete poses that are not unit quaternions; NaN in
+    the place of those that are being traced.
     """
     if _checks.is_traced(poses):
-        return Motion.of(jnp.asarray(poses, dtype))
+        poses = jnp.asarray(poses, dtype)
+        is_unit = jnp.abs(jnp.sum(poses**2, axis=1, keepdims=True) - 1) <= 0.02
+        return Motion.of(jnp.where(is_unit, poses, jnp.nan))
     concrete = np.asarray(poses, np.float64)
     norm = np.linalg.norm(concrete, axis=1)
     worst = int(np.argmax(np.abs(norm - 1)))

@@ -113,9 +113,26 @@ def bilinear(
     top_right = fetch(x.texel + 1, y.texel)
     low_left = fetch(x.texel, y.texel + 1)
     low_right = fetch(x.texel + 1, y.texel + 1)
-    top = top_left + u * (top_right - top_left)
-    low = low_left + u * (low_right - low_left)
-    return _to_planes(top + v * (low - top))
+    top = top_left + _part(u, top_right - top_left)
+    low = low_left + _part(u, low_right - low_left)
+    return _to_planes(top + _part(v, low - top))
+
+
+@jax.custom_jvp
+def _part(weight: Numbers, of: Numbers) -> Numbers:
+    """Product whose slope in the weight is 0 where what it weighs is no number.
+
+    A texel that is not finite shows as such. Where it is then masked out, it must not
+    come back as 0 x NaN in the gradient of the position.
+    """
+    return weight * of
+
+
+@_part.defjvp
+def _part_jvp(primals: tuple, tangents: tuple) -> tuple[Numbers, Numbers]:
+    (weight, of), (weight_dot, of_dot) = primals, tangents
+    slope = jnp.where(jnp.isfinite(of), of, 0.0)
+    return weight * of, weight_dot * slope + weight * of_dot
 
 
 def bilinear_by_slices(
@@ -218,7 +235,7 @@ def catmull_rom(
     for j, weight_y in enumerate(_catmull_rom_weights(y.fraction), start=-1):
         for i, weight_x in enumerate(_catmull_rom_weights(x.fraction), start=-1):
             tap = _fetch(texels, x.texel + i, y.texel + j).astype(dx.dtype)
-            total = total + (weight_x * weight_y)[..., None] * tap
+            total = total + _part((weight_x * weight_y)[..., None], tap)
     return _to_planes(total)
 
 

@@ -60,12 +60,14 @@ def session(
     - `detail_loss`: whether to measure it (else it is 0); static.
 
     **Returns:** the measurements; NaN where the head leaves the texture's margin, for
-    a clamped read would look like a calm picture.
+    a clamped read would look like a calm picture, and where a number of the camera or
+    of the technique is out of its range.
     """
     bounds = jax.vmap(lambda r: pinhole.displacement_bound(camera, region, r))(
         motion.offset
     )
     is_covered = jnp.all(bounds <= texture.margin_px)
+    is_covered = is_covered & camera.is_valid & technique.is_valid
     table = technique.sample_offsets_px
     dtype = motion.offset.dtype
     is_reference = isinstance(technique, SSAA) and technique.reads_supersampled
@@ -155,7 +157,7 @@ def session(
                 lambda: sums(shown, before, part, now.offset),
                 lambda: jnp.zeros(2, dtype),
             )
-            total = total + jnp.where(is_counted, found, 0)
+            total = _compensated(total, jnp.where(is_counted, found, 0))
             if is_whole:
                 return blocks.kept(mine, region, rim_px), shown, total
             if not technique.displays_history:
@@ -179,11 +181,11 @@ def session(
     frames = motion.offset.shape[0]
     steps = jnp.arange(first, frames, dtype=jnp.int32)
     motions = jax.tree.map(lambda leaf: leaf[first:], motion)
-    start = (state, previous, jnp.zeros(2, dtype))
+    start = (state, previous, jnp.zeros((2, 2), dtype))
     # Reverse mode then keeps of each frame only what goes on to the next one.
     is_plain = reading.sampler == "plain"
     step = jax.checkpoint(advance, prevent_cse=False) if is_plain else advance
-    (_, _, total), _ = jax.lax.scan(step, start, (steps, motions))
+    (_, _, (total, _)), _ = jax.lax.scan(step, start, (steps, motions))
     flicker, loss = total / (measured.width * measured.height)
     pairs = frames - warmup - 1
     nothing = jnp.where(is_covered, 0.0, jnp.nan).astype(dtype)
@@ -191,6 +193,16 @@ def session(
         CODE_VALUES * flicker / pairs + nothing,
         CODE_VALUES**2 * loss / (3 * (pairs + 1)) + nothing,
     )
+
+
+def _compensated(total: Array, term: Array) -> Array:
+    """Add to a sum, `(2, ...)`, that keeps what rounding took from it (Kahan 1965).
+
+    A session may have 1e5 frames, and a frame many blocks.
+    """
+    term = term - total[1]
+    new = total[0] + term
+    return jnp.stack([new, jax.lax.stop_gradient((new - total[0]) - term)])
 
 
 def _same_size(one: Region, other: Region) -> bool:

@@ -51,7 +51,8 @@ def simulate(
       as a picture's edges: history clamps there.
     - `reading`: how pictures are read; None is the fastest exact way on this device.
 
-    **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin.
+    **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin, a
+    pose is no unit quaternion, or a number of camera or technique is out of its range.
 
     **Errors:** `ValueError` for a warm-up that leaves fewer than 2 frames, for poses
     that are not unit quaternions, and for a head that leaves the texture's margin.

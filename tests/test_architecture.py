@@ -40,7 +40,7 @@ LINES = [
     ("theory",),
     ("studies",),
     ("hmdjit",),  # the names that `import hmdjit` offers
-    ("cli_head", "cli_trade_off"),
+    ("cli_head", "cli_trade_off", "cli_envelope"),
     ("cli",),
     ("__main__",),
 ]
@@ -83,6 +83,13 @@ FOLDERS = {
         ("trade_off_figure", "trade_off_report", "sensitivity_report"),
         ("figures",),
         ("report",),
+        ("envelope",),
+        ("envelope_oracles",),
+        ("envelope_cases",),
+        ("envelope_heads", "envelope_pictures"),
+        ("envelope_runs",),
+        ("envelope_extremes",),
+        ("envelope_report",),
         ("head_figure",),
         ("head_report",),
         ("reproductions",),

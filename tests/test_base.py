@@ -158,3 +158,19 @@ def test_gradients_of_the_discretisation_are_finite(dtype):
         for dt in (0.0, 1e-9, 1e6):
             found = jacobians(drift, diffusion, jnp.asarray(dt, dtype))
             assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_steps_of_1e12_correlation_times_are_taken(dtype):
+    # 30 doublings went to 2^26; a longer step came out as if it had been short.
+    drift = jnp.asarray([[-1e-6, 1e6], [0.0, -1e6]], dtype)
+    diffusion = jnp.asarray([[0.0, 0.0], [0.0, 2e6]], dtype)
+    rtol = 1e3 * float(jnp.finfo(dtype).eps)
+    for dt in (1e3, 1e6, 1e20):
+        change, noise = discretise(drift, diffusion, jnp.asarray(dt, dtype))
+        np.testing.assert_allclose(change[0, 0], np.expm1(-1e-6 * dt), rtol=rtol)
+        np.testing.assert_allclose(change[1, 1], -1.0, rtol=rtol)
+        np.testing.assert_allclose(noise[1, 1], 1.0, rtol=rtol)
+        # But for the 1e-6 s of the fast mode, over the step and over the slow mode.
+        law = 1e12 * -np.expm1(-2e-6 * dt)
+        np.testing.assert_allclose(noise[0, 0], law, rtol=rtol + 2e-6 / dt + 2e-12)

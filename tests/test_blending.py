@@ -87,6 +87,21 @@ def test_other_curves_take_the_place_of_kims():
     np.testing.assert_allclose(ours, 0.3 - 0.2 * np.array(expected[:5]))
 
 
+@pytest.mark.parametrize("h_max", [1e-30, 1e-25, 1e-6, 25.0, 1e25])
+def test_ease_has_its_gradient_at_every_h_max(h_max):
+    # JAX's own slope of a quotient is 0 x h_max^-2, infinite below 1e-19 in float32.
+    top = np.float32(h_max)
+    slopes = jax.grad(blending.ease, (0, 1))
+    below, above = np.nextafter(top, np.float32(0)), np.nextafter(top, np.float32(1e38))
+    for speed in (np.float32(0), below, top, above):
+        found = slopes(jnp.asarray(speed), jnp.asarray(top))
+        assert np.isfinite(found).all()
+        assert np.all(np.abs(found) * top < 1e-5)  # flat at both ends
+    along, across = slopes(jnp.asarray(top / 2), jnp.asarray(top))
+    np.testing.assert_allclose(along * top, np.pi / 2, rtol=1e-5)
+    np.testing.assert_allclose(across * top, -np.pi / 4, rtol=1e-5)
+
+
 def test_gradients_of_ease_are_finite_and_correct():
     gradient = jax.jit(jax.grad(lambda v: blending.ease(v[0], v[1])))
     for speed in (0.0, 3.0, 24.0, 40.0):

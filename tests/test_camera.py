@@ -5,6 +5,7 @@ import cv2
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import oracles
 import pytest
@@ -84,6 +85,25 @@ def test_focal_length_can_be_differentiated():
     # d/da (W/2) / tan(a/2) = -(W/4) / sin^2(a/2)
     expected = -256 / np.sin(48 * DEGREE) ** 2 * DEGREE
     np.testing.assert_allclose(gradient, expected, rtol=1e-14)
+
+
+def test_focal_length_keeps_its_digits_near_180_degrees_in_float32():
+    # tan(fov / 2) lost 292 eps at 179.9 degrees, the cotangent of the rest loses none.
+    for fov_deg in (0.1, 90.0, 96.0, 179.0, 179.9, 179.999):
+        fov = np.float32(fov_deg)
+        camera = eqx.tree_at(lambda c: c.fov_deg, CAMERA, jnp.asarray(fov))
+        with mpmath.workdps(30):
+            half = mpmath.mpf(float(fov)) * mpmath.pi / 360
+            exact = float(512 / mpmath.tan(half))
+        np.testing.assert_allclose(camera.focal_px, exact, rtol=3e-7)
+
+
+def test_at_rest_the_homography_is_exactly_minus_the_identity():
+    # What K and K^-1 do not cancel, 390 eps at 179.9 degrees, is not formed.
+    for fov_deg in (0.1, 96.0, 179.9):
+        camera = eqx.tree_at(lambda c: c.fov_deg, CAMERA, jnp.float32(fov_deg))
+        found = pinhole.homography(camera, jnp.zeros(3, jnp.float32))
+        np.testing.assert_array_equal(found, -np.eye(3))
 
 
 # --- conventions ---

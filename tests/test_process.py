@@ -371,6 +371,66 @@ def test_gradients_of_laws_are_finite(dtype):
         assert all(bool(jnp.isfinite(leaf)) for leaf in leaves), name
 
 
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_at_rest_the_rms_turn_has_gradient_0(dtype):
+    # The root of no variance has an infinite slope.
+    def turned(speed, noise):
+        head = HeadMotion((speed,) * 3, (0.1,) * 3, (noise,) * 3, 15.0, 0.0)
+        return head.increment_rms_deg(60.0)
+
+    zero = jnp.zeros((), dtype)
+    value, slopes = jax.value_and_grad(turned, (0, 1))(zero, zero)
+    assert value == 0
+    assert slopes == (0, 0)
+
+
+def test_kurtosis_of_no_motion_is_0_and_of_the_slowest_that_of_any():
+    # 0 / 0 at rest; in float32 the square of 1e-30 deg/s is 0, too.
+    def kurtosis(speed):
+        bursts = Amplitude(0.4, 0.4)
+        speeds, times = (speed,) * 3, (0.1, 0.2, 0.3)
+        head = HeadMotion(speeds, times, (0.0,) * 3, 15.0, 0.0, (), bursts)
+        return jnp.sum(head.increment_kurtosis(60.0, memory_s=0.25))
+
+    found = [
+        jax.value_and_grad(kurtosis)(jnp.asarray(speed, jnp.float32))
+        for speed in (0.0, 1e-30, 1.0)
+    ]
+    assert found[0] == (0, 0)
+    np.testing.assert_allclose(found[1][0], found[2][0], rtol=1e-5)
+    assert np.isfinite(found[1][1])
+
+
+def test_slow_wander_sampled_fast_has_a_spectrum_in_float32():
+    # Its determinant, 1e-20, squares to 0: 0 / 0 at 0 Hz.
+    def density(time, frequency):
+        head = HeadMotion((1.0,) * 3, (time,) * 3, (0.0,) * 3, time, 0.0)
+        return head.sampled_velocity_spectrum(frequency, 10_000.0)[0]
+
+    for frequency in (0.0, 1.0):
+        time = jnp.asarray(1e6, jnp.float32)
+        value, slope = jax.value_and_grad(density)(time, frequency)
+        exact = density(1e6, frequency)
+        np.testing.assert_allclose(value, exact, rtol=1e-5)
+        assert np.isfinite(slope)
+
+
+def test_a_spring_faster_than_the_velocity_keeps_its_digits_in_float32():
+    # Velocity and spring cancelled to 30 % at 1e3 s, 1e-6 s and 10 kHz, and to NaN at
+    # 1e6 s; whichever is faster now comes first.
+    def turned(dtype, time, back):
+        cast = lambda value: (jnp.asarray(value, dtype),) * 3
+        head = HeadMotion(cast(1.0), cast(time), cast(0.0), cast(back)[0], 0.0)
+        return head.increment_rms_deg(10_000.0)
+
+    for time, back in [(1e3, 1e-6), (1e3, 1e-3), (1e6, 1e-3), (1.0, 1e-6)]:
+        ours, exact = (turned(d, time, back) for d in (jnp.float32, jnp.float64))
+        np.testing.assert_allclose(ours, exact, rtol=2e-6)
+        law = 1.0**2 / (1 / time + 1 / back) / (1 / back)  # of the angle, deg^2
+        head = HeadMotion((1.0,) * 3, (time,) * 3, (0.0,) * 3, back, 0.0)
+        np.testing.assert_allclose(head.covariance(0.0), law, rtol=1e-12)
+
+
 # --- what is refused ---
 
 

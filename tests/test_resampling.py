@@ -253,6 +253,22 @@ def test_slopes_where_a_centre_is_hit_exactly(texels):
     assert jnp.isfinite(y).all()
 
 
+@pytest.mark.parametrize("name", ["bilinear", "catmull_rom"])
+@pytest.mark.parametrize("hole", [np.nan, np.inf])
+def test_a_hole_is_seen_but_not_in_the_slope_of_what_is_masked(name, hole, texels):
+    # 0 x NaN: what a mask takes out came back in the gradient of the position.
+    holed = texels.at[2, 3].set(hole)
+    dx, dy = jnp.asarray(0.3), jnp.asarray(0.4)
+
+    def seen(dx, dy):
+        shown = read(name, holed, dx, dy)
+        return jnp.where(jnp.isfinite(shown), shown, 0.0).sum(), shown
+
+    (_, shown), slope = jax.value_and_grad(seen, (0, 1), has_aux=True)(dx, dy)
+    assert not jnp.isfinite(shown).all()
+    assert jnp.isfinite(jnp.stack(slope)).all()
+
+
 @each_reader
 def test_gradients_in_the_picture_are_the_weights(name, rng, texels):
     dx, dy = rng.uniform(-2, 2, (2, HEIGHT, WIDTH))

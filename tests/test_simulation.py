@@ -193,7 +193,7 @@ def program(technique, texture):
 def test_a_program_holds_only_what_its_technique_needs(rng):
     texture = texture_of(rng)
     displayed, history = (3, HEIGHT, WIDTH), (1, 1, 3, HEIGHT, WIDTH)
-    sums = (2,)
+    sums = (2, 2)  # and what rounding took from them
     # Spatial techniques carry the displayed picture, for MTCD, and no history; how the
     # head turned since the last frame is not even an argument. What a history displays
     # is not carried twice.

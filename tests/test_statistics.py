@@ -111,6 +111,16 @@ def test_descriptions_leave_out_what_is_too_short(rng):
         statistics.describe([], 60.0)
 
 
+def test_a_head_that_only_turns_has_no_kurtosis_of_nodding():
+    # 0 / 0 warned; here warnings are errors.
+    time_s = np.arange(601) / 60.0
+    yaw = np.outer(np.sin(2 * np.pi * time_s), [0.0, 1.0, 0.0])
+    turned = trace(yaw, 60.0)
+    found = statistics.describe([turned], 60.0)
+    assert np.isnan(found.kurtosis).tolist() == [True, False, True]
+    assert found.speed_rms_deg_s > 0
+
+
 def test_wander_is_measured_in_whole_blocks(rng):
     paths = [rng.normal(size=(count, 3)) for count in (25, 9, 10)]
     found = statistics.block_variances(paths, 9.6)  # blocks of 10 frames

@@ -8,6 +8,7 @@ import pytest
 
 import hmdjit as hj
 from hmdjit import curves, techniques
+from hmdjit.sources import History
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 
 HZ = 60.0
@@ -510,3 +511,25 @@ def test_head_movement_refuses_what_is_out_of_range(options, message):
 def test_spatial_techniques_refuse_what_they_do_not_know(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("closeness", [(2 / 3,), (0.2, 0.9), (0.5,) * 16])
+def test_masked_history_that_is_no_number_stays_out_of_gradients(rng, closeness):
+    # Through the weights of equation (2), and through where the samples are read.
+    color = jnp.asarray(rng.random((1, 3, 4, 5)))
+    turn = jnp.array([0.001, 0.01, 0.0])
+    camera, mask = hj.Camera(5, 4, 60.0, HZ), jnp.zeros((4, 5), bool)
+
+    def shown(closeness, turn):
+        reading = hj.frame.Reading("plain")
+        frame = hj.Frame(color, camera, hj.Region.whole(camera), mask, reading)
+        history = History.of(jnp.full((3, 4, 5), jnp.nan))
+        motion = hj.Motion(turn, turn)
+        technique = HeadMovement(closeness=closeness)
+        return technique.step(history, frame, motion)[1].sum()
+
+    value, slopes = jax.value_and_grad(shown, (0, 1))(
+        tuple(map(jnp.asarray, closeness)), turn
+    )
+    np.testing.assert_allclose(value, color.sum(), rtol=1e-14)
+    assert all((slope == 0).all() for slope in jax.tree.leaves(slopes))

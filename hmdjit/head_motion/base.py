@@ -11,11 +11,11 @@ from .._types import Scalar
 _Matrix = Float[Array, "states states"]
 
 # On a step with |drift| h <= 1/16 the first term left out of both series is below
-# 1e-16 of every entry of a double integrator, and 30 doublings of such a step cover
-# |drift| dt up to 2^26 = 7e7.
+# 1e-16 of every entry of a double integrator, and 64 doublings of such a step cover
+# |drift| dt up to 2^60 = 1e18: a step of weeks over modes of microseconds.
 _SHORT_STEP = 1 / 16
 _SERIES_TERMS = 10
-_DOUBLINGS = 30
+_DOUBLINGS = 64
 
 
 @jax.jit
@@ -29,7 +29,8 @@ def discretise(
     - `drift`: 1/s where states have no units; shape `(states, states)`; its eigenvalues
       must not lie right of the imaginary axis.
     - `diffusion`: `L L^T`, shape `(states, states)`, symmetric, not negative.
-    - `dt_s`: time between samples, s, at least 0; `|drift| dt_s` up to 2^26.
+    - `dt_s`: time between samples, s, at least 0; more than `2^60 / |drift|` counts
+      as that much.
 
     **Returns:** `expm(drift dt) - I`, which keeps the digits that the transition matrix
     loses on short steps, and the covariance of what the noise adds in `dt`; both of
@@ -47,6 +48,7 @@ def discretise(
     dtype = drift.dtype
     identity = jnp.eye(drift.shape[0], dtype=dtype)
     rate = jnp.max(jnp.sum(jnp.abs(jax.lax.stop_gradient(drift)), axis=1))
+    dt_s = jnp.minimum(dt_s, _SHORT_STEP * 2.0**_DOUBLINGS / rate)
     # The result does not depend on how often the step is halved: no gradient is lost.
     halvings = jnp.log2(rate * jax.lax.stop_gradient(dt_s) / _SHORT_STEP)
     halvings = jnp.clip(jnp.ceil(halvings), 0, _DOUBLINGS).astype(jnp.int32)

@@ -2,7 +2,7 @@
 
 Each part is a linear Gaussian process of two states, its angle and its velocity:
 
-- `wander`: an Ornstein-Uhlenbeck velocity, integrated to an angle that a very weak
+- `wander`: an Ornstein-Uhlenbeck velocity, integrated to an angle that a weak
   spring returns, `dv = -v / tau dt + sqrt(2 s^2 / tau) dW`, `dx = (v - x / T_r) dt`;
 - `resonance`: a damped mode `x'' + 2 z w0 x' + w0^2 x = sqrt(4 z w0) s dW / dt`.
 
@@ -44,14 +44,21 @@ def wander(
     return_time_s: Scalar,
 ) -> Parts:
     """Ornstein-Uhlenbeck velocity and its weakly sprung integral; one part."""
-    a = 1 / correlation_time_s
-    b = jnp.full_like(a, 1 / return_time_s)
+    # The angle is white noise through two exponentials, whose order does not matter to
+    # it. The faster one comes first: else velocity and spring would nearly cancel.
+    return_time_s = jnp.full_like(correlation_time_s, return_time_s)
+    is_swapped = return_time_s < correlation_time_s
+    fast_s = jnp.where(is_swapped, return_time_s, correlation_time_s)
+    slow_s = jnp.where(is_swapped, correlation_time_s, return_time_s)
+    gain = jnp.where(is_swapped, jnp.sqrt(fast_s / slow_s), 1.0)
+    a, b = 1 / fast_s, 1 / slow_s
+    kept = slow_s / (fast_s + slow_s)
     zero, one = jnp.zeros_like(a), jnp.ones_like(a)
     return Parts(
-        (speed_rms_deg_s * correlation_time_s)[None],
+        (gain * speed_rms_deg_s * fast_s)[None],
         drift=_matrices([-b, a], [zero, -a]),
         diffusion=_matrices([zero, zero], [zero, 2 * a]),
-        stationary=_matrices([a**2 / (b * (a + b)), a / (a + b)], [a / (a + b), one]),
+        stationary=_matrices([slow_s / fast_s * kept, kept], [kept, one]),
     )
 
 
@@ -150,13 +157,18 @@ def velocity_spectrum(parts: Parts, frequency_hz: Array) -> Float[Array, "*freqs
     # dx = (m00 x + m01 v) dt, dv = (m10 x + m11 v) dt + sqrt(d) dW, by Cramer's rule.
     m00, m01 = parts.drift[..., 0, 0], parts.drift[..., 0, 1]
     m10, m11 = parts.drift[..., 1, 0], parts.drift[..., 1, 1]
-    power = parts.diffusion[..., 1, 1] * m01**2
+    speed_deg_s = parts.angle_unit_deg * m01
 
     def law(frequency_hz: Scalar) -> _ThreeNumbers:
         w = 2 * jnp.pi * frequency_hz
         real = m00 * m11 - m01 * m10 - w**2
         imaginary = w * (m00 + m11)
-        return 2 * _sum(parts, power * (w**2 / (real**2 + imaginary**2)))
+        # Over the larger one: w^4 and its slope span more than float32 does.
+        size = jnp.maximum(jnp.abs(real), jnp.abs(imaginary))
+        over = jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))
+        squares = (real / over) ** 2 + (imaginary / over) ** 2
+        response = parts.diffusion[..., 1, 1] * (speed_deg_s * (w / over)) ** 2
+        return 2 * jnp.sum(response / squares, axis=0)
 
     return _each(law)(frequency_hz)
 
@@ -178,11 +190,17 @@ def sampled_velocity_spectrum(
         real, imaginary = -2 * jnp.sin(phase / 2) ** 2, jnp.sin(phase)
         first = (real - c11) * spread[..., 0, 0] + c01 * spread[..., 1, 0]
         second = c01 * spread[..., 1, 1]
-        power = first**2 + (imaginary * spread[..., 0, 0]) ** 2 + second**2
-        determinant = ((real - c00) * (real - c11) - c01 * c10 - imaginary**2) ** 2 + (
-            imaginary * (2 * real - c00 - c11)
-        ) ** 2
-        return 2 * rate_hz * _sum(parts, power * (real**2 + imaginary**2) / determinant)
+        across = imaginary * spread[..., 0, 0]
+        determinant_real = (real - c00) * (real - c11) - c01 * c10 - imaginary**2
+        determinant_imaginary = imaginary * (2 * real - c00 - c11)
+        # All over the determinant's size: its square may be too small for float32.
+        size = jnp.maximum(jnp.abs(determinant_real), jnp.abs(determinant_imaginary))
+        size = jax.lax.stop_gradient(size)
+        over = lambda *terms: sum((term / size) ** 2 for term in terms)
+        turn_deg = 2 * jnp.sin(phase / 2) * parts.angle_unit_deg
+        power = over(turn_deg * first, turn_deg * across, turn_deg * second)
+        power = power / over(determinant_real, determinant_imaginary)
+        return 2 * rate_hz * jnp.sum(power, axis=0)
 
     return _each(law)(frequency_hz)
 

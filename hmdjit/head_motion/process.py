@@ -53,8 +53,7 @@ class HeadMotion(eqx.Module):
     are averaged over the amplitude, which does not change them; given that it stays
     at `a` for longer than the head remembers, all but the tracker's noise is `a^2`
     times as large. They have the precision of this model's numbers and are right to
-    1e-5 in float32, as long as `return_time_s` is not below `correlation_time_s`;
-    covariances, which cross 0, to 1e-5 of their variance.
+    1e-5 in float32; covariances, which cross 0, to 1e-5 of their variance.
 
     **Errors:** `ValueError` naming the field, the range and the value.
     """
@@ -225,8 +224,14 @@ class HeadMotion(eqx.Module):
         return _increment_covariance(self, jnp.asarray(lag_frames, int), rate_hz)
 
     def increment_rms_deg(self, rate_hz: Scalar) -> Float[Array, ""]:
-        """RMS rotation per frame, all axes together, tracker's noise included, deg."""
-        return jnp.sqrt(jnp.sum(self.increment_covariance(0, rate_hz)))
+        """RMS rotation per frame, all axes together, tracker's noise included, deg.
+
+        Its gradient at rest is chosen as exactly 0.
+        """
+        variance = jnp.sum(self.increment_covariance(0, rate_hz))
+        # The root has an infinite slope at rest: keep 0 out of it.
+        moves = variance > 0
+        return jnp.where(moves, jnp.sqrt(jnp.where(moves, variance, 1.0)), 0.0)
 
     def velocity_spectrum(
         self, frequency_hz: ArrayLike
@@ -251,8 +256,9 @@ class HeadMotion(eqx.Module):
     ) -> Float[Array, "3"]:
         """Excess kurtosis of one person's frame-to-frame rotations per axis.
 
-        0 without an amplitude. The tracker's noise, which is Gaussian, is included;
-        what the head remembers for longer than `memory_s` is left out.
+        0 without an amplitude, and on axes that never move. The tracker's noise, which
+        is Gaussian, is included; what the head remembers for longer than `memory_s` is
+        left out.
         """
         _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
         if self.amplitude is None:
@@ -355,12 +361,17 @@ def _increment_kurtosis(
     # variance of its variance, the sum of what each frame's noise gives times a^2, with
     # cov(a^2, a'^2) = exp(4 sd^2 correlation) - 1.
     dtype = _dtype(head)
-    given = components.turn_memory(_parts(head, dtype), rate_hz, frames)
+    # It has no unit: in units of the largest part no square is too small for float32.
+    parts, tracker = _parts(head, dtype), _stacked(head.tracker_noise_deg, dtype)
+    unit = jnp.maximum(jnp.max(parts.angle_unit_deg, axis=0), tracker)
+    unit = jax.lax.stop_gradient(jnp.where(unit > 0, unit, 1.0))
+    parts = parts._replace(angle_unit_deg=parts.angle_unit_deg / unit[None])
+    given = components.turn_memory(parts, rate_hz, frames)
+    total = jnp.sum(given, axis=0) + 2 * (tracker / unit) ** 2
+    given = given / jnp.where(total > 0, total, 1.0)[None]
     pairs = jax.vmap(partial(jax.scipy.signal.correlate, method="fft"), 1, 1)
     pairs = pairs(given, given)  # by lag, from 1 - frames to frames - 1
     lag_s = jnp.abs(jnp.arange(1 - frames, frames)).astype(dtype) / rate_hz
     correlation = jnp.exp(-lag_s / jnp.asarray(amplitude.correlation_time_s, dtype))
     shared = jnp.expm1(4 * jnp.asarray(amplitude.sd, dtype) ** 2 * correlation)
-    variance_of_variance = jnp.sum(pairs * shared[:, None], axis=0)
-    tracker = 2 * _stacked(head.tracker_noise_deg, dtype) ** 2
-    return 3 * variance_of_variance / (jnp.sum(given, axis=0) + tracker) ** 2
+    return 3 * jnp.sum(pairs * shared[:, None], axis=0)

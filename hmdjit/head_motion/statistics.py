@@ -33,7 +33,8 @@ class Description(NamedTuple):
     - `rate_hz`, `subjects`, `still_s`: frame rate, subjects, total duration.
     - `speed_rms_deg_s`: of the angular speed.
     - `speed_quantile_deg_s`: quantiles of the angular speed at 201 even shares.
-    - `kurtosis`: excess kurtosis of the velocity, pooled over subjects.
+    - `kurtosis`: excess kurtosis of the velocity, pooled over subjects; NaN on axes
+      that never move.
     - `wander_deg`: RMS angle about the mean of blocks of `WANDER_S`; NaN where no
       segment is that long.
     - `frequency_hz`, `spectrum`: mean one-sided density of the velocity,
@@ -68,7 +69,7 @@ class Goodness(NamedTuple):
 
     - `recorded`, `model`: what each does.
     - `spectrum_error_db`: per axis, RMS over the spectrum's bins of
-      `10 log10(recorded / expected)`, dB.
+      `10 log10(recorded / expected)`, dB; NaN on axes where either never moves.
     - `expected`: the spectrum that the model's population is expected to give.
     """
 
@@ -107,13 +108,18 @@ def describe(segments: Sequence[Trace], rate_hz: float) -> Description:
         sum(segment.duration_s for segment in segments),
         float(np.sqrt(np.mean(speed**2))),
         np.quantile(speed, _SHARES),
-        np.mean(squared**2, axis=0) / np.mean(squared, axis=0) ** 2 - 3,
+        _over(np.mean(squared**2, axis=0), np.mean(squared, axis=0) ** 2) - 3,
         np.stack([_rms(block_variances(angles, time * rate_hz)) for time in WANDER_S]),
         frequency_hz,
         spectrum,
         lags / rate_hz,
         np.stack([_structure(angles, lag) for lag in lags.tolist()]),
     )
+
+
+def _over(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Quotient; NaN where there is nothing to divide by."""
+    return part / np.where(whole > 0, whole, np.nan)
 
 
 def block_variances(
@@ -225,7 +231,8 @@ def goodness(
     periodograms = Periodograms.of(segments, rate_hz)
     expected = expected_spectrum(head, periodograms)
     _, expected = _binned(periodograms.frequency_hz, expected)
-    error_db = 10 * np.log10(recorded.spectrum / expected)
+    ratio = _over(recorded.spectrum, expected)
+    error_db = 10 * np.log10(np.where(ratio > 0, ratio, np.nan))
     return Goodness(
         recorded,
         describe(drawn, rate_hz),

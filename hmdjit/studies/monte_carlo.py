@@ -39,7 +39,7 @@ from .until import Goal, Until, with_controls
 if TYPE_CHECKING:
     import xarray
 
-MODEL_VERSION = "4"
+MODEL_VERSION = "5"
 """Which numbers a study gives; changing any default that moves them changes this."""
 
 _PILOT_SESSIONS = 256

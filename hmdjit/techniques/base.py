@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from .. import color, sample_patterns
 from .._types import Rgb, Samples
@@ -73,6 +73,11 @@ class AbstractTechnique(eqx.Module):
     def displays_history(self) -> bool:
         """Whether its state is one `History`, of exactly what it displays."""
         return False
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether its numbers are in range: known only while running inside `jit`."""
+        return True
 
     @abc.abstractmethod
     def init(self, frame: Frame) -> State:

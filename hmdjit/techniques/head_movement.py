@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from .. import _checks, blending, color, quaternion, reprojection
 from .._types import Mask, Rgb, Scalar
@@ -147,11 +147,13 @@ class HeadMovement(AbstractTechnique):
             for d in self.closeness
         ]
         weights = self._normalized_weights()
-        samples = [state.at(position) for position in past]
-
         is_blended = self.has_past(frame, past)
+        # Masked before they are weighted, so that gradients of the weights are, too.
+        samples = [
+            blending.usable(state.at(position), current, is_blended)
+            for position in past
+        ]
         history = blending.past_color(samples, weights)
-        history = blending.usable(history, current, is_blended)
 
         if self.difference == "same_pixel":
             same_pixel = blending.usable(state.under(frame.region), current, is_blended)
@@ -168,6 +170,19 @@ class HeadMovement(AbstractTechnique):
 
         shown = color.encode(displayed) if self.space == "linear" else displayed
         return History.of(displayed), shown
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether its numbers are in the ranges above."""
+        found = (self.w_lb >= 0) & (self.w_lb <= self.w_min) & (self.w_min <= 1)
+        found = found & (self.h_max_deg_s > 0)
+        for d in self.closeness:
+            found = found & (d >= 0) & (d <= 1)
+        for weight in self._raw_weights():
+            found = found & (weight >= 0)
+        if self.weights is not None:
+            found = found & (sum(self.weights) > 0)
+        return found if self.resolve is None else found & self.resolve.is_valid
 
     def has_past(self, frame: Frame, past: Sequence[Displacement]) -> Mask:
         """Where all past samples are usable: static, and inside the frame before."""

@@ -1,0 +1,77 @@
+"""The command line's `hmdjit envelope`: how right each function is, and where."""
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import rich.console
+import tyro
+
+from .studies.study import check_seed
+
+_FOLDER = Path("hmdjit-envelope")
+
+
+def _shown(metavar: str, text: str) -> Any:
+    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvelopeCommand:
+    """Measure the numerical envelope: errors of values and gradients at the extremes.
+
+    Holds every numerical function against answers of 80 digits, over its range on a
+    logarithmic scale, in float32 and float64, and says whether its stated bound holds.
+    Takes a few minutes; `--quick` less than one.
+    """
+
+    quick: Annotated[
+        bool, tyro.conf.FlagCreatePairsOff, _shown("", "Fewer inputs, shorter runs.")
+    ] = False
+    seed: Annotated[int, _shown("N", "Seed of all inputs (default: 0).")] = 0
+    out: Annotated[
+        Path, _shown("DIR", f"Folder for what is written (default: {_FOLDER}).")
+    ] = _FOLDER
+
+
+COMMANDS: dict[str, Any] = {"envelope": EnvelopeCommand}
+
+
+def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
+    """Measure, print, write and draw; returns whether every bound holds."""
+    check_seed(command.seed)
+    try:
+        import mpmath  # noqa: F401
+    except ImportError as error:
+        raise ImportError(
+            "The envelope needs mpmath: install `hmdjit[study]`."
+        ) from error
+    from .studies import envelope, envelope_report
+
+    start, names = time.monotonic(), set()
+
+    def say(row: envelope.Row) -> None:
+        if row.name not in names:
+            names.add(row.name)
+            seconds = time.monotonic() - start
+            console.print(f"{seconds:5.0f} s  {row.name}", highlight=False)
+
+    rows = envelope_report.measured(
+        seed=command.seed, quick=command.quick, progress=say
+    )
+    console.print(envelope_report.table(rows, console.width))
+    explanation = envelope_report.explanation(rows)
+    console.print(explanation, highlight=False, soft_wrap=True)
+    file = envelope.write_csv(rows, command.out / "envelope.csv")
+    points = 49 if command.quick else 121
+    picture = envelope_report.write_figure(
+        file.with_suffix(".png"), command.seed, points
+    )
+    seconds = time.monotonic() - start
+    console.print(
+        f"Wrote {file} and {picture} after {seconds:.0f} s.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return all(row.holds for row in rows)

@@ -1,0 +1,373 @@
+"""The envelope's extremes of whole sessions: gradients, holes, what is out of range.
+
+Every technique's numbers at the ends of their ranges, pictures that are black, equal,
+one pixel wide or far brighter than white, and heads at rest, at exactly the fastest
+blended speed, and turned so far that nothing seen before is in view: all gradients must
+be numbers. What is no number must not spread.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import clips, metrics, quaternion, resampling, scenes
+from ..camera import Camera, Region
+from ..frame import GATHER, Frame, Motion, Reading
+from ..head_motion import HeadMotion
+from ..head_motion.parameters import Amplitude, Resonator
+from ..simulation import simulate
+from ..sources import History
+from ..techniques import SSAA, HeadMovement
+from .envelope import Bound, Run
+from .envelope_heads import RATES_HZ, TIMES_S
+from .envelope_runs import Worst, poses_of, still_path, texture_of_noise
+
+_Rng = np.random.Generator
+_Found = tuple[float, str]
+
+SIZES = ((4, 5), (1, 1), (1, 6), (6, 1))
+"""Height and width of pictures, px."""
+
+TURNS_RAD = (0.0, 1e-30, 1e-12, 1e-7, 1e-4, 1e-2, 1.0, np.pi / 2, np.pi - 1e-6, np.pi)
+
+_LEVELS = (0.0, 1e-30, 1e-8, 0.5, 1.0, 1e6)
+
+
+def bad_leaves(tree: Any) -> int:
+    """How many numbers of a pytree are not finite."""
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(tree)]
+    return int(sum(np.sum(~np.isfinite(leaf)) for leaf in leaves))
+
+
+def techniques() -> dict[str, list[HeadMovement]]:
+    """Head movement with its numbers at their ends; one structure each."""
+    numbers: list[dict[str, Any]] = [
+        *({}, {"w_min": 0.0, "w_lb": 0.0}, {"w_min": 1.0, "w_lb": 1.0}),
+        *({"w_min": 1.0, "w_lb": 0.0}, {"w_min": 0.3, "w_lb": 0.3}),
+        *({"h_max_deg_s": 1e-20}, {"h_max_deg_s": 1e20}, {"h_max_deg_s": 1e-6}),
+        *({"closeness": (0.0,)}, {"closeness": (1.0,)}, {"closeness": (1e-8,)}),
+    ]
+    sixteen: dict[str, Any] = {"closeness": (2 / 3,) * 16}
+    distinct: dict[str, Any] = {"closeness": tuple(np.linspace(0, 1, 16).tolist())}
+    none: dict[str, Any] = {"closeness": (0.0,) * 16}
+    return {
+        "one past sample": [HeadMovement(**kinds) for kinds in numbers],
+        "sixteen": [HeadMovement(**kinds) for kinds in (sixteen, distinct, none)],
+        "weights": [HeadMovement(closeness=(0.2, 0.7), weights=(1.0, 0.0))],
+        "largest channel": [HeadMovement(difference="max_channel")],
+        "same pixel": [HeadMovement(difference="same_pixel")],
+        "linear light": [HeadMovement(space="linear")],
+        "over SSAA": [HeadMovement(resolve=SSAA(2))],
+    }
+
+
+def _poses(turn_rad: Any) -> Any:
+    """Two equal turns after the hold pose, about yaw and a little pitch."""
+    step = quaternion.exp(jnp.stack([0.1 * turn_rad, turn_rad, 0.0 * turn_rad]))
+    first = jnp.zeros_like(step).at[0].set(1.0)
+    return jnp.stack([first, step, quaternion.multiply(step, step)])
+
+
+def _pictures(rng: _Rng, size: tuple[int, int]) -> Iterator[tuple[str, np.ndarray]]:
+    shape = (3, *size, 3)
+    for level in _LEVELS:
+        yield f"equal frames of {level:g}", np.full(shape, level)
+        yield f"frames up to {level:g}", level * rng.random(shape)
+
+
+def clip_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count what is not finite among values and gradients of `apply`'s MTCD."""
+    worst: _Found = (0.0, "nowhere")
+
+    @jax.jit
+    @jax.value_and_grad
+    def flicker(arguments: tuple) -> Any:
+        technique, camera, frames, turn_rad = arguments
+        samples = technique.sample_offsets_px.shape[1]
+        if samples > 1:
+            frames = jnp.broadcast_to(frames[:, None], (3, samples, *frames.shape[1:]))
+        return metrics.mtcd(clips.apply(technique, camera, frames, _poses(turn_rad)))
+
+    for name, members in techniques().items():
+        is_first = name == "one past sample"
+        if quick and not is_first:
+            break
+        for size in SIZES[: None if is_first and not quick else 1]:
+            for n, technique in enumerate(members):
+                turns = TURNS_RAD if not quick else TURNS_RAD[n % 2 :: 2]
+                for k, turn in enumerate(turns):
+                    pictures = list(_pictures(rng, size))
+                    said, frames = pictures[(7 * n + 5 * k) % len(pictures)]
+                    fov = (0.1, 16.0, 96.0, 179.9)[(n + k) % 4]
+                    speed = float(technique.h_max_deg_s)
+                    if k % 3 == 2 and 1e-6 < speed < 1e6:  # exactly at h_max
+                        turn = np.deg2rad(speed / 60.0)
+                    camera = Camera(size[1], size[0], fov, 60.0)
+                    given = jax.tree.map(
+                        lambda x: jnp.asarray(x, dtype),
+                        (technique, camera, frames, turn),
+                    )
+                    bad = bad_leaves(flicker(given))
+                    if bad > worst[0]:
+                        place = f"{size[1]} x {size[0]} px, {fov} deg, {turn!r} rad"
+                        worst = bad, f"{name} {n}: {said}, {place}"
+    return worst
+
+
+def hidden_holes(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of a step whose history is no number, and is masked out."""
+    camera = Camera(5, 4, 96.0, 60.0)
+    color = jnp.asarray(rng.random((1, 3, 4, 5)), dtype)
+    holes = jnp.full((3, 4, 5), jnp.nan, dtype)
+    worst: _Found = (0.0, "nowhere")
+
+    @jax.jit
+    @jax.value_and_grad
+    def brightness(arguments: tuple, holes: Any) -> Any:
+        technique, camera, increment = arguments
+        mask = jnp.zeros((4, 5), bool)
+        frame = Frame(color, camera, Region.whole(camera), mask, Reading("plain"))
+        motion = Motion(increment, increment)
+        _, shown = technique.step(History.of(holes), frame, motion)
+        return jnp.mean(shown**2)
+
+    increment = 1e-2 * rng.normal(size=3)
+    for name, members in techniques().items():
+        for technique in members if name != "over SSAA" else []:
+            given = (technique, camera, increment)
+            given = jax.tree.map(lambda x: jnp.asarray(x, dtype), given)
+            bad = bad_leaves(brightness(given, holes))
+            if bad > worst[0]:
+                worst = float(bad), name
+        if quick:
+            break
+    return worst
+
+
+def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of `simulate`, of 2 and 3 frames, at rest and in motion."""
+    display = Camera(24, 20, 12.0, 60.0)
+    scene = scenes.power_law_noise(size=32)
+    texture = scenes.bake(scene, display, oversampling=1, dtype=jnp.dtype(dtype))
+    worst: _Found = (0.0, "nowhere")
+
+    @eqx.filter_jit
+    def found(arguments: tuple, texture: Any, frames: int) -> Any:
+        def loss(arguments: tuple) -> Any:
+            technique, camera, turn_rad = arguments
+            poses = _poses(turn_rad)[:frames]
+            region = Region(4, 4, 8, 8)
+            result = simulate(
+                texture, camera, technique, poses, region=region, reading=GATHER
+            )
+            return result.mtcd + result.detail_loss
+
+        return jax.value_and_grad(loss)(arguments)
+
+    for frames in (2, 3):
+        members = techniques()["one past sample"]
+        for n, technique in enumerate(members[:: 3 if quick else 1]):
+            for turn in (0.0, 1e-30, 1e-12, 1e-7, 1e-4, 1e-2):
+                given = jax.tree.map(
+                    lambda x: jnp.asarray(x, dtype), (technique, display, turn)
+                )
+                bad = bad_leaves(found(given, texture, frames))
+                if bad > worst[0]:
+                    worst = float(bad), f"numbers {n}, {frames} frames, {turn!r} rad"
+    return worst
+
+
+def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of laws and of kurtosis: heads at rest, slow, stiff, resonant."""
+    worst: _Found = (0.0, "nowhere")
+
+    @jax.jit
+    @jax.value_and_grad
+    def laws(arguments: tuple) -> Any:
+        head, rate = arguments
+        return (
+            head.increment_rms_deg(rate)
+            + jnp.sum(head.increment_covariance(1, rate))
+            + jnp.sum(head.velocity_spectrum(rate / 3))
+            + jnp.sum(head.sampled_velocity_spectrum(0 * rate, rate))
+            + jnp.sum(head.structure_function(1e3 / rate))
+            + jnp.sum(head.covariance(1e6 / rate))
+        )
+
+    @jax.jit
+    @jax.value_and_grad
+    def tails(head: HeadMotion) -> Any:
+        return jnp.sum(head.increment_kurtosis(60.0, memory_s=0.5))
+
+    pairs = [(a, b) for a in TIMES_S for b in TIMES_S]
+    for n, (time, back) in enumerate(pairs[:: 5 if quick else 1]):
+        for speed, noise in ((0.0, 0.0), (1.0, 0.0), (0.0, 0.01), (1e-30, 0.0)):
+            mode = Resonator((speed,) * 3, (3.0,) * 3, (1.0,) * 3)
+            head = HeadMotion(
+                (speed,) * 3, (time,) * 3, (noise,) * 3, back, 0.0, (mode,)
+            )
+            bursts = Amplitude((0.0, 0.5)[n % 2], time)
+            rate = RATES_HZ[n % 5]
+            cast = lambda x: jnp.asarray(x, dtype)
+            given = jax.tree.map(cast, (head, rate))
+            tailed = eqx.tree_at(
+                lambda h: h.amplitude, head, bursts, is_leaf=lambda x: x is None
+            )
+            bad = bad_leaves(laws(given))
+            bad += bad_leaves(tails(jax.tree.map(cast, tailed)))
+            if bad > worst[0]:
+                said = f"times {time:g}, {back:g} s, speed {speed:g}, noise {noise:g}"
+                worst = float(bad), f"{said} at {rate:g} Hz"
+    return worst
+
+
+# --- holes ---
+
+
+def _reach(readings: Any, rng: _Rng, quick: bool) -> Iterator[tuple[int, str]]:
+    for n in range(6 if quick else 40):
+        dx, dy = rng.uniform(-2.2, 2.2, 2) if n else (0.0, 0.0)
+        for hole in (np.nan, np.inf):
+            picture = rng.random((12, 12, 1))
+            picture[6, 6] = hole
+            yield (
+                readings(picture, float(dx), float(dy)),
+                f"{hole} read at {dx!r}, {dy!r}",
+            )
+
+
+def hole_by_gathers(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Pixels that a texel that is no number reaches beyond the 2 x 2 around it."""
+
+    @jax.jit
+    def read(picture: Any, dx: Any, dy: Any) -> Any:
+        index = jnp.arange(12, dtype=jnp.int32)
+        moved = jnp.broadcast_to(dx, (12, 12)), jnp.broadcast_to(dy, (12, 12))
+        texels = resampling.texels(picture)
+        return resampling.bilinear(texels, index[None], index[:, None], *moved)[0]
+
+    def spread(picture: np.ndarray, dx: float, dy: float) -> int:
+        shown = read(*(jnp.asarray(x, dtype) for x in (picture, dx, dy)))
+        rows, columns = np.nonzero(~np.isfinite(np.asarray(shown)))
+        near = (np.abs(rows + dy - 6) <= 1) & (np.abs(columns + dx - 6) <= 1)
+        return int(np.sum(~near))
+
+    worst = Worst()
+    for beyond, where in _reach(spread, rng, quick):
+        worst.add(beyond, where)
+    return worst.found
+
+
+def hole_by_slices(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Pixels that such a texel reaches beyond the 4 x 4 that slices take."""
+
+    @jax.jit
+    def read(picture: Any, dx: Any, dy: Any) -> Any:
+        texels = resampling.texels(picture)
+        place = jnp.stack([dx, dy])
+        moved = jnp.full((4, 4), dx), jnp.full((4, 4), dy)
+        four = jnp.int32(4)
+        span = jnp.stack([place, place])
+        return resampling.bilinear_by_slices(
+            texels, four, four, (4, 4), span, lambda: moved
+        )[0]
+
+    def spread(picture: np.ndarray, dx: float, dy: float) -> int:
+        shown = read(*(jnp.asarray(x, dtype) for x in (picture, dx, dy)))
+        rows, columns = np.nonzero(~np.isfinite(np.asarray(shown)))
+        near = (np.abs(rows + 4 + dy - 6) <= 3) & (np.abs(columns + 4 + dx - 6) <= 3)
+        return int(np.sum(~near))
+
+    worst = Worst()
+    for beyond, where in _reach(spread, rng, quick):
+        worst.add(beyond, where)
+    return worst.found
+
+
+# --- sessions that are wrong ---
+
+
+def bad_sessions(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Sessions of a batch that are NaN and should not be, or the other way round."""
+    del quick
+    display, texture = texture_of_noise()
+    texture = jax.tree.map(lambda x: x.astype(dtype), texture)
+    region = Region(16, 16, 12, 12)
+    poses = jnp.asarray(np.stack([poses_of(still_path(rng, 4, 1e-3))] * 8), dtype)
+    poses = poses.at[1, 2].set(jnp.nan).at[2, 1].multiply(1.5).at[3, 3].set(0.0)
+    w_min = jnp.asarray([0.3, 0.3, 0.3, 0.3, 1.5, 0.3, 0.3, 0.3], dtype)
+    h_max = jnp.asarray([25, 25, 25, 25, 25, -1, 25, 25], dtype)
+    fov = jnp.asarray([6.0, 6, 6, 6, 6, 6, 180, 6], dtype)
+
+    @jax.jit
+    @jax.vmap
+    def flicker(poses: Any, w_min: Any, h_max: Any, fov: Any) -> Any:
+        technique = HeadMovement(w_min=w_min, h_max_deg_s=h_max)
+        camera = eqx.tree_at(lambda c: c.fov_deg, display, fov)
+        found = simulate(
+            texture, camera, technique, poses, region=region, reading=GATHER
+        )
+        return found.mtcd
+
+    is_nan = np.isnan(np.asarray(flicker(poses, w_min, h_max, fov)))
+    expected = np.array([False, True, True, True, True, True, True, False])
+    return float(np.sum(is_nan != expected)), f"NaN: {np.nonzero(is_nan)[0].tolist()}"
+
+
+def runs() -> list[Run]:
+    """All of them."""
+    none = {"float32": Bound(0.0), "float64": Bound(0.0)}
+    single = {"float32": Bound(0.0)}
+    unit = "not finite"
+    return [
+        Run(
+            "apply, MTCD and gradients",
+            "0 to pi rad, w and d 0 to 1, h_max 1e-20 to 1e20, 0.1 to 179.9 deg, "
+            "0 to 1e6, 1 to 16 samples, 1 x 1 px",
+            clip_gradients,
+            single,
+            unit,
+        ),
+        Run("apply, gradients", "masked history of NaN", hidden_holes, single, unit),
+        Run(
+            "simulate, gradients",
+            "0 to 0.01 rad",
+            session_gradients,
+            single,
+            unit,
+            is_slow=True,
+        ),
+        Run(
+            "HeadMotion's laws, gradients",
+            "at rest, times 1e-6 to 1e6 s, 1 to 10,000 Hz",
+            head_gradients,
+            none,
+            unit,
+            is_slow=True,
+        ),
+        Run(
+            "resampling.bilinear, NaN or inf",
+            "beyond its 2 x 2 texels",
+            hole_by_gathers,
+            none,
+            "pixels",
+        ),
+        Run(
+            "bilinear_by_slices, NaN or inf",
+            "beyond its 4 x 4 texels",
+            hole_by_slices,
+            none,
+            "pixels",
+        ),
+        Run(
+            "simulate, in a batch",
+            "bad poses, weights, speeds, views",
+            bad_sessions,
+            none,
+            "sessions",
+        ),
+    ]
