@@ -39,8 +39,9 @@ LINES = [
     ("picture_statistics",),
     ("theory",),
     ("studies",),
+    ("curve_fitting",),
     ("hmdjit",),  # the names that `import hmdjit` offers
-    ("cli_head", "cli_trade_off", "cli_envelope"),
+    ("cli_envelope", "cli_fit", "cli_head", "cli_trade_off"),
     ("cli",),
     ("__main__",),
 ]
@@ -77,7 +78,6 @@ FOLDERS = {
         ("bench",),
         ("trade_off",),
         ("trade_off_measuring", "choice"),
-        ("fitting",),
         ("results",),
         ("drawing",),
         ("trade_off_figure", "trade_off_report", "sensitivity_report"),
@@ -93,6 +93,13 @@ FOLDERS = {
         ("head_figure",),
         ("head_report",),
         ("reproductions",),
+    ],
+    "curve_fitting": [
+        ("space", "search"),
+        ("errors", "measuring"),
+        ("results", "recovery"),
+        ("fitting",),
+        ("figures", "report"),
     ],
 }
 

@@ -1,0 +1,84 @@
+"""Which curve a device blends by, from what its sessions were seen to do."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..sources import Texture
+from .errors import Errors, errors
+from .measuring import Viewing, values_and_slopes
+from .search import NoFitError, Numbers, least_squares
+from .space import CurveSpace
+
+_TOLERANCE = 1e-3
+
+
+class Recovered(NamedTuple):
+    """The curve that explains what was seen best.
+
+    - `point`: of the space; `numbers`, `errors`: in the order of `space.names`.
+    - `why`: how the search ended.
+    """
+
+    point: Numbers
+    numbers: Numbers
+    errors: Errors
+    why: str
+
+
+def recover(
+    space: CurveSpace,
+    textures: Sequence[Texture],
+    viewing: Viewing,
+    observed: Float[np.ndarray, "scenes sessions measures"],
+    start: Numbers | None = None,
+) -> Recovered:
+    """Find the curve whose sessions are most like observed ones, by least squares.
+
+    **Arguments:**
+
+    - `viewing`: the heads and tiles of the observed sessions.
+    - `observed`: MTCD, detail loss and, with turned paths, lag, in code values and code
+      values squared, with errors that are independent between sessions and alike
+      relative to each measure's mean.
+    - `start`: a point of the space; None is Kim et al.'s constants.
+
+    **Errors:** `NoFitError` for too few sessions, for a picture that does not flicker,
+    and where a number is not finite.
+    """
+    sessions = observed.shape[1]
+    if sessions <= 2 * space.size:
+        raise NoFitError(
+            f"sessions must be more than {2 * space.size} to tell {space.size} numbers "
+            f"of a curve, got {sessions}."
+        )
+    if not np.isfinite(observed).all():
+        raise NoFitError("observed must be finite, got NaN or inf.")
+    unit = observed.mean(axis=1)
+    if not np.all(unit > 0):
+        raise NoFitError("observed must flicker and lose detail in every scene.")
+
+    def linearized(point: Numbers) -> tuple[np.ndarray, np.ndarray]:
+        """Relative residuals and slopes, `(scenes, sessions, measures[, numbers])`."""
+        at = jnp.asarray(point, viewing.motion.offset.dtype)
+        measured = [values_and_slopes(space, at, t, viewing) for t in textures]
+        found, slopes = zip(*measured, strict=True)
+        scale = unit[:, None]
+        residuals = (np.asarray(found, float) - observed) / scale
+        return residuals, np.asarray(slopes, float) / scale[..., None]
+
+    def linearize(point: Numbers) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slopes = linearized(point)
+        return residuals.reshape(-1), slopes.reshape(-1, space.size)
+
+    begun = np.asarray(space.starts()[0] if start is None else start)
+    found = least_squares(linearize, begun, tolerance=_TOLERANCE)
+    residuals, slopes = linearized(found.point)
+    gradients = np.einsum("csm,csmp->sp", residuals, slopes)
+    curvatures = np.einsum("csmp,csmq->spq", slopes, slopes)
+    numbers = np.asarray(space.natural(jnp.asarray(found.point)))
+    sure = errors(space, found.point, gradients, curvatures)
+    return Recovered(found.point, numbers, sure, found.why)
