@@ -1,4 +1,4 @@
-"""The command line: `study`, `apply`, `head`, `trade-off`, `pick` and `envelope`."""
+"""The command line: one command per file, or here: `study` and `apply`."""
 
 import dataclasses
 import re
@@ -15,7 +15,16 @@ import rich.console
 import rich.progress
 import tyro
 
-from . import cli_envelope, cli_head, cli_trade_off, clips, metrics, scenes, techniques
+from . import (
+    cli_envelope,
+    cli_fit,
+    cli_head,
+    cli_trade_off,
+    clips,
+    metrics,
+    scenes,
+    techniques,
+)
 from .camera import Camera
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
@@ -86,6 +95,7 @@ def run(arguments: Sequence[str]) -> int:
     commands: dict[str, Any] = {"study": StudyCommand, "apply": ApplyCommand}
     command: Any = tyro.extras.subcommand_cli_from_dict(
         commands
+        | cli_fit.COMMANDS
         | {"head": cli_head.HeadCommand}
         | cli_trade_off.COMMANDS
         | cli_envelope.COMMANDS,
@@ -97,6 +107,9 @@ def run(arguments: Sequence[str]) -> int:
     try:
         if isinstance(command, ApplyCommand):
             return _apply(command, console)
+        if isinstance(command, cli_fit.FitCommand):
+            cli_fit.run(command, console)
+            return OK
         if isinstance(command, cli_head.HeadCommand):
             cli_head.run(command.command, console)
             return OK
@@ -109,8 +122,8 @@ def run(arguments: Sequence[str]) -> int:
         if isinstance(command, cli_envelope.EnvelopeCommand):
             return OK if cli_envelope.run(command, console) else FAILED
         return _study(command, console)
-    except KeyboardInterrupt:
-        print("hmdjit: stopped.", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"hmdjit: {stop or 'stopped.'}", file=sys.stderr)
         return INTERRUPTED
     except (ValueError, ImportError) as error:
         return _complain(error, WRONG_INPUT)

@@ -99,7 +99,8 @@ FOLDERS = {
         ("errors", "measuring"),
         ("results", "recovery"),
         ("fitting",),
-        ("figures", "report"),
+        ("report",),
+        ("figures",),
     ],
 }
 

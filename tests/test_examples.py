@@ -15,10 +15,33 @@ PRINTING = {
     "sensitivities.py": ("--scenes", "noise", "--sessions", "4"),
     "time_to_one_percent.py": ("--scenes", "noise", "--sessions", "4"),
 }
+TABLES = {
+    "best_curves.py": (
+        *("--scenes", "checkerboard", "--sessions", "16", "--width", "64"),
+        *("--heads", "fixating", "--rates", "60"),
+    ),
+}
 
 
 def test_every_example_is_run():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(QUICK) | set(PRINTING)
+    examples = {path.name for path in EXAMPLES.glob("*.py")}
+    assert examples == set(QUICK) | set(PRINTING) | set(TABLES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TABLES)
+def test_examples_print_a_table_of_numbers_within_their_intervals(name):
+    command = [sys.executable, str(EXAMPLES / name), *TABLES[name]]
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=600
+    )
+    header, _, row = done.stdout.splitlines()
+    head, *cells = (cell.strip() for cell in row.strip("|").split("|"))
+    assert head == "fixating, 60 Hz"
+    assert len(cells) == header.count("|") - 2
+    for cell in cells[:-1]:
+        best, low, high = (float(x.strip("[],")) for x in cell.split())
+        assert low <= best <= high
 
 
 @pytest.mark.slow

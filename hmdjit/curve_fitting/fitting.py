@@ -19,7 +19,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
-import scipy.stats
 from jaxtyping import Float
 
 from .. import _checks
@@ -269,7 +268,8 @@ class _Fitter:
         """Weight at which the detail loss is at its bound, or not far below."""
 
         def excess(log_weight: float) -> float:
-            point = self.along_front(math.exp(log_weight), known).point
+            weight = float(f"{math.exp(log_weight):.6g}")  # known ones are found
+            point = self.along_front(weight, known).point
             return math.log(self.detail_loss(point) / bound)
 
         losses = {w: self.detail_loss(known[w].point) for w in sorted(known)}
@@ -290,7 +290,7 @@ class _Fitter:
         if low is None:
             return high  # the bound does not bind
         scipy.optimize.brentq(
-            excess, math.log(low), math.log(high), xtol=0.02, maxiter=3, disp=False
+            excess, math.log(low), math.log(high), xtol=0.02, maxiter=6, disp=False
         )
         allowed = bound * (1 + _BOUND_TOLERANCE)
         good = [w for w in known if self.detail_loss(known[w].point) <= allowed]

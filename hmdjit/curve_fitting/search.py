@@ -28,6 +28,9 @@ Linearize = Callable[[Numbers], tuple[Residuals, Jacobian]]
 
 CONVERGED = "converged"
 
+_DAMPING = 0.1  # of the largest curvature at the start
+_FLAT = 1e-12  # a curvature, where there is none at all
+
 
 class NoFitError(ValueError):
     """There is nothing to fit, or no curve fits; says why."""
@@ -87,7 +90,9 @@ def least_squares(
 
     **Errors:** `NoFitError` where a residual is not finite.
 
-    **Source:** Levenberg-Marquardt as in `optimistix`.
+    **Source:** Levenberg-Marquardt as in `optimistix`, first damped in proportion to
+    the largest curvature: Madsen, Nielsen and Tingleff, "Methods for Non-Linear Least
+    Squares Problems", 2004, section 3.2.
     """
     solver = _solver(tolerance)
     # In JAX's own precision: the solver's other numbers have it.
@@ -103,7 +108,11 @@ def least_squares(
         at = (asked, jnp.asarray(residuals, dtype), jnp.asarray(slopes, dtype))
         if state is None:
             fresh = _fresh_state(solver, *slopes.shape[::-1], dtype)
-            state = eqx.tree_at(lambda s: s.y_eval, fresh, point)
+            # The solver's own first damping, 1, is far above our curvatures.
+            steepest = max(float(np.sum(np.square(slopes), axis=0).max()), _FLAT)
+            trusted = jnp.asarray(1 / (_DAMPING * steepest), dtype)
+            where = lambda s: (s.y_eval, s.search_state.step_size)
+            state = eqx.tree_at(where, fresh, (point, trusted))
         point, state, is_done, result = _step(solver, point, at, state)
         asked = state.y_eval
         if bool(is_done):
