@@ -64,15 +64,15 @@ def main() -> None:
     """Fit them all, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=SCENES)
-    parser.add_argument("--heads", nargs="*", default=HEADS)
-    parser.add_argument("--rates", nargs="*", type=float, default=RATES_HZ)
+    parser.add_argument("--heads", nargs="+", default=HEADS)
+    parser.add_argument("--rates", nargs="+", type=float, default=RATES_HZ)
     parser.add_argument("--sessions", type=int, default=32)
     parser.add_argument("--width", type=int, default=1024)
     options = parser.parse_args()
     jax.config.update("jax_num_cpu_devices", 2)
     cases = dict.fromkeys(
-        [(HEADS[0], rate) for rate in options.rates]
-        + [(head, RATES_HZ[0]) for head in options.heads]
+        [(options.heads[0], rate) for rate in options.rates]
+        + [(head, options.rates[0]) for head in options.heads]
     )
     print("| head | w_min | w_lb | h_max, deg/s | d | less flicker, % |")
     print("|---|---|---|---|---|---|", flush=True)

@@ -136,6 +136,7 @@ def run(command: FitCommand, console: rich.console.Console) -> None:
         highlight=False,
         soft_wrap=True,
     )
+    journal = command.out.with_name(f".{command.out.name}.journal.json")
     try:
         with _Line(console) as tell:
             found = fit(
@@ -145,7 +146,7 @@ def run(command: FitCommand, console: rich.console.Console) -> None:
                 lag_weight=command.lag,
                 held_out=held_out,
                 seed=command.seed,
-                journal=command.out.with_name(f".{command.out.name}.journal.json"),
+                journal=journal,
                 tell=tell,
             )
     except KeyboardInterrupt:
@@ -159,6 +160,7 @@ def run(command: FitCommand, console: rich.console.Console) -> None:
     figures.write_curve(found, pictures[0], footer)
     figures.write_front(found, pictures[1], footer)
     curve_file.write(command.out, found.technique, about={"fit": table})
+    journal.unlink(missing_ok=True)
     _print(found, command, console)
     paths = ", ".join(map(str, (command.out, *pictures)))
     console.print(f"Wrote {paths}.", highlight=False, soft_wrap=True)

@@ -32,8 +32,9 @@ Curvatures = Float[np.ndarray, "sessions numbers numbers"]
 class Errors(NamedTuple):
     """Of each natural number of a curve, in the order of its space's names.
 
-    - `standard_error`: sandwich estimate over sessions, to first order.
-    - `low`, `high`: 95 % interval by the bootstrap over sessions.
+    - `standard_error`: sandwich estimate over sessions, to first order; infinite where
+      the sessions do not tell a number.
+    - `low`, `high`: 95 % interval by the bootstrap over sessions; there all its range.
     - `drawn`: the bootstrap's numbers, for bands about a curve.
     """
 
@@ -47,7 +48,7 @@ def newton_step(
     gradients: Gradients, curvatures: Curvatures
 ) -> Float[np.ndarray, " numbers"]:
     """Step to where the sum over sessions is least, if it is quadratic."""
-    step = -_inverse(curvatures.sum(axis=0)) @ gradients.sum(axis=0)
+    step = -_inverse(curvatures.sum(axis=0))[0] @ gradients.sum(axis=0)
     return np.clip(step, -_FARTHEST, _FARTHEST)
 
 
@@ -66,27 +67,38 @@ def errors(
     # Natural numbers move by their slopes: near a bound a logit says little, but where
     # a number may lie beside the bound is plain.
     slopes = np.asarray(jax.jacfwd(space.natural)(at), float)
-    moves = centred @ _inverse(curvatures.sum(axis=0)) @ slopes.T
+    inverse, flat = _inverse(curvatures.sum(axis=0))
+    moves = centred @ inverse @ slopes.T
+    is_untold = np.any(np.abs(slopes @ flat) > _FLAT, axis=1)
 
     rng = np.random.default_rng(_SEED)
     steps = []
     for _ in range(_REPLICATES):
         weight = rng.multinomial(sessions, np.full(sessions, 1 / sessions))
         curvature = np.einsum("i,ipq->pq", weight, curvatures)
-        steps.append(-slopes @ _inverse(curvature) @ (weight @ centred))
+        steps.append(-slopes @ _inverse(curvature)[0] @ (weight @ centred))
     drawn = space.within(np.asarray(space.natural(at), float), np.array(steps))
     low, high = np.quantile(drawn, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2], axis=0)
-    return Errors(np.sqrt(np.sum(moves**2, axis=0)), low, high, drawn)
+    error = np.where(is_untold, np.inf, np.sqrt(np.sum(moves**2, axis=0)))
+    least, most = space.ranges
+    return Errors(
+        error, np.where(is_untold, least, low), np.where(is_untold, most, high), drawn
+    )
 
 
-def _inverse(curvature: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Inverse over the directions that are curved upwards at all.
+def _inverse(
+    curvature: Float[np.ndarray, "n n"],
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n flat"]]:
+    """Inverse over the directions that are curved upwards at all, and the others.
 
-    Each number counts in the unit that its own curvature gives it.
+    Each number counts in the unit that its own curvature gives it, if it has one.
     """
     curvature = (curvature + curvature.T) / 2
-    unit = np.sqrt(np.maximum(np.abs(np.diag(curvature)), np.finfo(float).tiny))
+    own = np.abs(np.diag(curvature))
+    unit = np.sqrt(np.where(own > 0, own, max(own.max(), 1.0)))
     values, vectors = np.linalg.eigh(curvature / np.outer(unit, unit))
     is_curved = values > _FLAT * values.max()
     scale = np.where(is_curved, 1 / np.where(is_curved, values, 1.0), 0.0)
-    return (vectors * scale) @ vectors.T / np.outer(unit, unit)
+    inverse = (vectors * scale) @ vectors.T / np.outer(unit, unit)
+    flat = vectors[:, ~is_curved] / unit[:, None]
+    return inverse, flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)

@@ -11,6 +11,7 @@ that it takes. Sessions have common random numbers, so what is left to chance is
 sessions were drawn: `errors` says how much that is.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -23,12 +24,14 @@ from jaxtyping import Float
 
 from .. import _checks
 from ..devices import mesh, placed
+from ..head_motion import HeadMotion
 from ..scenes.base import AbstractScene, bake
 from ..session import fastest_reading
 from ..sources import Texture
 from ..studies.batches import fingerprint
 from ..studies.intervals import MIN_BASELINE_MTCD
 from ..studies.measuring import Runner
+from ..studies.monte_carlo import MODEL_VERSION
 from ..studies.sessions import Batch, Sessions
 from ..studies.study import Study
 from ..studies.tiles import Tiles
@@ -74,11 +77,13 @@ def fit(
 
     - `study`: scenes, head, camera, sessions (at least 16), frames, warm-up and tiles
       (one per session); its techniques do not count.
-    - `detail_loss`: relative to no anti-aliasing, mean over scenes, at least; None is
-      that of Kim et al.'s constants on the same sessions.
+    - `detail_loss`: relative to no anti-aliasing, mean over scenes, at most; None is
+      that of Kim et al.'s constants on the same sessions. A bound beyond the front's
+      end gives its end.
     - `lag_weight`: of the detail loss after a quick turn; 0 leaves it out.
     - `held_out`: scenes that are measured at the end but not fitted to.
-    - `journal`: file in which finished searches are kept, to go on from.
+    - `journal`: file in which finished searches are kept, to go on from; for the
+      caller to remove once the result is safe.
     - `tell`: called with a line about each step.
 
     **Errors:** `NoFitError`, a `ValueError`, where no curve can be fitted.
@@ -100,11 +105,14 @@ class _Fitter:
         tell: Tell,
     ):
         _checks.in_range("lag weight", lag_weight, 0)
-        if study.sessions < LEAST_SESSIONS:
+        least = max(LEAST_SESSIONS, 2 * space.size)
+        if study.sessions < least:
             raise NoFitError(
-                f"sessions must be at least {LEAST_SESSIONS} to fit {space.size} "
-                f"numbers, got {study.sessions}."
+                f"sessions must be at least {least} to fit {space.size} numbers, "
+                f"got {study.sessions}."
             )
+        if not isinstance(study.head, HeadMotion):
+            raise NoFitError("head must be a model: recordings have too few sessions.")
         if not isinstance(study.measure, Tiles) or study.measure.count != 1:
             raise NoFitError("measure must be one tile per session to fit a curve.")
         self.study, self.space, self.lag_weight = study, space, lag_weight
@@ -114,20 +122,22 @@ class _Fitter:
             seed, study.head, camera, study.measure, HELD_OUT_START * 2, length
         )
         self.batch = sessions.batch(0, study.sessions)
-        self.elsewhen = sessions.batch(HELD_OUT_START, HELD_OUT_SESSIONS)
+        self.held_out = sessions.batch(HELD_OUT_START, HELD_OUT_SESSIONS)
         self.plain = (NoAntialiasing(), Freeze(), SSAA(4), HeadMovement())
         self.viewing = self._viewing(self.batch, study.measure.size_px)
-        self.textures = [self._texture(n, scene) for n, scene in study.scenes.items()]
-        self._measured: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         self._journal = Journal(
             journal,
             fingerprint(
                 [seed, lag_weight, space, study.sessions, study.frames, study.warmup],
                 [study.display, study.head, study.measure, study.oversampling],
+                [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind],
+                [float(study.margin_deg), jnp.result_type(float).name],
                 list(study.scenes.values()),
             ),
         )
-        self.scales = self._scales()
+        self.textures = [self._texture(n, scene) for n, scene in study.scenes.items()]
+        self._measured: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self.scales, self.kim_detail_loss = self._scales()
 
     def _viewing(self, batch: Batch, tile_px: int) -> Viewing:
         camera, warmup = self.study.display, self.study.warmup
@@ -146,11 +156,6 @@ class _Fitter:
             mesh(),
         )
 
-    def _runner(self, techniques: Sequence[AbstractTechnique], batch: Batch) -> Runner:
-        study = self.study
-        camera, size = study.display, batch.size
-        return Runner(camera, study.measure, techniques, study.warmup, size, batch)
-
     def _texture(self, name: str, scene: AbstractScene) -> Texture:
         self.tell(f"baking {name}")
         turn = TURN_DEG if self.lag_weight else 0.0
@@ -162,20 +167,34 @@ class _Fitter:
         )
         return placed(texture)
 
-    def _scales(self) -> Float[np.ndarray, "scenes 2"]:
-        """Mean MTCD and detail loss of no anti-aliasing in each scene."""
-        found = []
-        runner = self._runner(self.plain[:1], self.batch)
-        for name, texture in zip(self.study.scenes, self.textures, strict=True):
-            result = runner.run(self.plain[0], texture, self.batch)
-            mtcd, loss = np.mean(result.mtcd), np.mean(result.detail_loss)
+    def _scales(self) -> tuple[Float[np.ndarray, "scenes 2"], float]:
+        """Mean MTCD and detail loss of none in each scene; detail loss of Kim et al."""
+        none, kim = self._measure((self.plain[0], self.plain[-1]), self.batch)
+        scales = none.mean(axis=-1)
+        for name, (mtcd, _) in zip(self.study.scenes, scales, strict=True):
             if not mtcd > MIN_BASELINE_MTCD:
                 raise NoFitError(
                     f"{name} flickers by {mtcd:.3g} code values without anti-aliasing, "
                     f"not more than {MIN_BASELINE_MTCD}: there is no flicker to remove."
                 )
-            found.append((mtcd, loss))
-        return np.array(found)
+        return scales, float(np.mean(kim[:, 1].mean(axis=-1) / scales[:, 1]))
+
+    def _measure(
+        self, techniques: Sequence[AbstractTechnique], batch: Batch
+    ) -> Float[np.ndarray, "techniques scenes 2 sessions"]:
+        """MTCD and detail loss in all scenes that there are textures of."""
+        study = self.study
+        runner = Runner(
+            study.display, study.measure, techniques, study.warmup, batch.size, batch
+        )
+        results = [[runner.run(t, s, batch) for s in self.textures] for t in techniques]
+        found = np.array([[(r.mtcd, r.detail_loss) for r in row] for row in results])
+        if not np.isfinite(found).all():
+            raise NoFitError(
+                "some sessions gave no finite number: a head that turns farther than "
+                f"margin_deg = {study.margin_deg:g} from where it started does."
+            )
+        return found
 
     # --- measuring a point ---
 
@@ -272,26 +291,25 @@ class _Fitter:
             point = self.along_front(weight, known).point
             return math.log(self.detail_loss(point) / bound)
 
-        losses = {w: self.detail_loss(known[w].point) for w in sorted(known)}
+        losses = {w: self.detail_loss(known[w].point) for w in known}
         for weight in (3.0, 10.0, 30.0):
             if min(losses.values()) <= bound:
                 break
             losses[weight] = self.detail_loss(self.along_front(weight, known).point)
-        low = max((w for w in losses if losses[w] > bound), default=None)
-        high = min(
-            (w for w in losses if losses[w] <= bound and w > (low or 0)), default=None
-        )
-        if high is None:
+        if min(losses.values()) > bound:
             raise NoFitError(
                 f"detail loss must be at least {min(losses.values()):.3f} times that "
                 f"of no anti-aliasing, the least that this family reaches, got "
                 f"{bound:g}."
             )
-        if low is None:
-            return high  # the bound does not bind
-        scipy.optimize.brentq(
-            excess, math.log(low), math.log(high), xtol=0.02, maxiter=6, disp=False
-        )
+        around = [
+            pair
+            for pair in itertools.pairwise(sorted(losses))
+            if losses[pair[0]] > bound >= losses[pair[1]]
+        ]
+        if around:
+            ends = [math.log(weight) for weight in around[0]]
+            scipy.optimize.brentq(excess, *ends, xtol=0.02, maxiter=6, disp=False)
         allowed = bound * (1 + _BOUND_TOLERANCE)
         good = [w for w in known if self.detail_loss(known[w].point) <= allowed]
         return min(good, key=lambda w: self.flicker(known[w].point))
@@ -322,37 +340,22 @@ class _Fitter:
             point, here = newton, gradients(newton)
         return point, errors(self.space, point, here, curvatures)
 
-    def kept(
-        self, techniques: Sequence[AbstractTechnique], textures: Sequence[Texture]
-    ) -> list[Kept]:
-        """Measure what techniques keep on held-out sessions of some scenes."""
-        runner = self._runner(techniques, self.elsewhen)
-        found = [
-            [runner.run(technique, texture, self.elsewhen) for texture in textures]
-            for technique in techniques
-        ]
-        measures = [
-            np.stack([(result.mtcd, result.detail_loss) for result in results])
-            for results in found
-        ]
-        self.scales_elsewhen = measures[0].mean(axis=-1, keepdims=True)
-        return [Kept(*np.mean(m / self.scales_elsewhen, axis=0)) for m in measures]
-
-    def kept_by(self, points: Sequence[Numbers]) -> list[Kept]:
-        """Measure what curves keep there, relative to what `kept` found last."""
-        viewing = self._viewing(self.elsewhen, self.viewing.tile_px)
+    def of_front(
+        self, points: Sequence[Numbers]
+    ) -> list[Float[np.ndarray, "scenes 2 sessions"]]:
+        """MTCD and detail loss of curves in held-out sessions."""
+        viewing = self._viewing(self.held_out, self.viewing.tile_px)
         found = []
         for point in points:
             at = jnp.asarray(self._at(point))
             each = [values(self.space, at, t, viewing)[:, :2].T for t in self.textures]
-            found.append(np.mean(np.stack(each) / self.scales_elsewhen, axis=0))
-        return [Kept(*each) for each in found]
+            found.append(np.stack(each).astype(float))
+        return found
 
     def fit(
         self, detail_loss: float | None, held_out: dict[str, AbstractScene]
     ) -> CurveFit:
-        kim = np.asarray(self.space.starts()[0])
-        bound = self.detail_loss(kim) if detail_loss is None else detail_loss
+        bound = self.kim_detail_loss if detail_loss is None else detail_loss
         _checks.in_range("detail loss", bound, 0, open_low=True)
         known = {FIRST_WEIGHT: self.first()}
         for weight in FRONT_WEIGHTS:
@@ -364,22 +367,25 @@ class _Fitter:
         )
 
         self.tell("measuring held-out sessions")
-        technique = concrete(self.space, point)
+        technique = self.space.concrete(point)
         named = (*self.plain, technique)
         ids = (*(t.id for t in self.plain), "fitted")
-        kept = dict(zip(ids, self.kept(named, self.textures), strict=True))
+        measured = self._measure(named, self.held_out)
+        none = measured[0]
+        kept = [Kept.of(each, none) for each in measured]
         weights = sorted((FIRST_WEIGHT, *FRONT_WEIGHTS))
         points = [known[w].point for w in weights]
         front = [
-            FrontPoint(weight, concrete(self.space, point), kept)
-            for weight, point, kept in zip(
-                weights, points, self.kept_by(points), strict=True
+            FrontPoint(weight, self.space.concrete(point), Kept.of(each, none))
+            for weight, point, each in zip(
+                weights, points, self.of_front(points), strict=True
             )
         ]
-        self.textures.clear()
-        textures = [self._texture(name, scene) for name, scene in held_out.items()]
-        elsewhere = self.kept(named, textures) if textures else []
-        self._journal.forget()
+        self.textures = [self._texture(n, scene) for n, scene in held_out.items()]
+        elsewhere = []
+        if held_out:
+            measured = self._measure(named, self.held_out)
+            elsewhere = [Kept.of(each, measured[0]) for each in measured]
         return CurveFit(
             self.space,
             technique,
@@ -389,12 +395,7 @@ class _Fitter:
             sure,
             known[weight].why,
             len(self._measured),
-            kept,
+            dict(zip(ids, kept, strict=True)),
             dict(zip(ids, elsewhere, strict=bool(elsewhere))),
             front,
         )
-
-
-def concrete(space: CurveSpace, point: Numbers) -> HeadMovement:
-    """Technique of a point, its numbers Python floats."""
-    return jax.tree.map(float, space.technique(jnp.asarray(point)))

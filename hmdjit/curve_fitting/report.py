@@ -82,7 +82,7 @@ def gain_percent(fit: CurveFit) -> Interval | None:
     kim = fit.kept[KIM]
     own = FrontPoint(fit.weight, fit.technique, fit.kept[FITTED])
     found = gain_at_equal_detail([*fit.front, own], kim)
-    return None if found is None else _relative(found, float(np.mean(kim.flicker)))
+    return None if found is None else _percent(found)
 
 
 def gain_sentence(fit: CurveFit) -> str:
@@ -102,8 +102,7 @@ def gain_sentence(fit: CurveFit) -> str:
     if gain.high < 0:
         return (
             f"At equal detail loss {-gain.value:.1f} % more flicker "
-            f"[{-gain.high:.1f}, {-gain.low:.1f}] than Kim et al.'s constants: the "
-            "search did not find them."
+            f"[{-gain.high:.1f}, {-gain.low:.1f}] than Kim et al.'s constants."
         )
     return (
         f"At equal detail loss {gain.value:.1f} % less flicker {bounds}: Kim et al.'s "
@@ -119,10 +118,8 @@ def pair_sentence(kept: Mapping[str, Kept]) -> str:
     kim, fitted = kept[KIM], kept[FITTED]
     differences = fitted.gain_over(kim)
     words = [
-        _difference(_relative(gain, float(np.mean(scale))), what)
-        for gain, scale, what in zip(
-            differences, kim, ("flicker", "detail loss"), strict=True
-        )
+        _difference(_percent(gain), what)
+        for gain, what in zip(differences, ("flicker", "detail loss"), strict=True)
     ]
     words[-1] = words[-1].rstrip(",")
     return f"Than Kim et al.'s constants the fitted curve has {' and '.join(words)}."
@@ -178,9 +175,9 @@ def _interval(interval: Interval) -> str:
     return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
 
 
-def _relative(interval: Interval, scale: float) -> Interval:
+def _percent(interval: Interval) -> Interval:
     names = ("value", "low", "high", "standard_error")
-    percent = {name: 100 * getattr(interval, name) / scale for name in names}
+    percent = {name: 100 * getattr(interval, name) for name in names}
     return dataclasses.replace(interval, **percent)
 
 

@@ -24,25 +24,46 @@ def _mean(x: Float[np.ndarray, " sessions"]) -> Interval:
     return Interval(mean, mean - half, mean + half, error, "Student's t over sessions")
 
 
+def _ratio(
+    x: Float[np.ndarray, "*scenes sessions"], y: Float[np.ndarray, "*scenes sessions"]
+) -> Float[np.ndarray, "*scenes sessions"]:
+    """Values of sessions whose mean is `mean(x) / mean(y)`, and whose spread its error.
+
+    That ratio, and each session's influence on it: `(x_i - R y_i) / mean(y)`.
+    """
+    below = np.mean(y, axis=-1, keepdims=True)
+    ratio = np.mean(x, axis=-1, keepdims=True) / below
+    return ratio + (x - ratio * y) / below
+
+
 class Kept(NamedTuple):
     """What a technique keeps of flicker and of detail, relative to no anti-aliasing.
 
-    - `flicker`, `detail_loss`: means over scenes of each session, `(sessions,)`.
+    - `flicker`, `detail_loss`: of each session, `(sessions,)`: their means are ratios
+      of means, averaged over scenes, and their spread is the error of that.
     """
 
     flicker: Float[np.ndarray, " sessions"]
     detail_loss: Float[np.ndarray, " sessions"]
+
+    @classmethod
+    def of(
+        cls,
+        measured: Float[np.ndarray, "scenes 2 sessions"],
+        none: Float[np.ndarray, "scenes 2 sessions"],
+    ) -> "Kept":
+        """Relate MTCD and detail loss to those of no anti-aliasing, scene by scene."""
+        return cls(*np.mean(_ratio(measured, none), axis=0))
 
     def intervals(self) -> tuple[Interval, Interval]:
         """Mean flicker and mean detail loss, with 95 % intervals over sessions."""
         return _mean(self.flicker), _mean(self.detail_loss)
 
     def gain_over(self, other: "Kept") -> tuple[Interval, Interval]:
-        """How much less flicker and detail loss than another, of the same sessions."""
-        return (
-            _mean(other.flicker - self.flicker),
-            _mean(other.detail_loss - self.detail_loss),
-        )
+        """How much less flicker and detail loss than another has, as shares of its."""
+        pairs = zip(self, other, strict=True)
+        mine, theirs = (_mean(_ratio(b - a, b)) for a, b in pairs)
+        return mine, theirs
 
 
 class FrontPoint(NamedTuple):
@@ -57,8 +78,9 @@ class CurveFit(NamedTuple):
     """A fitted curve, how sure it is, and what it gains.
 
     - `technique`: head movement with the curve; `weight`: of detail loss.
-    - `numbers`, `errors`: in the order of `space.names`.
-    - `why`, `steps`: how the search ended, and how often sessions were measured.
+    - `numbers`, `errors`: in the order of `space.names`; the errors are those at this
+      weight: that it was chosen to meet a bound on the same sessions is left out.
+    - `why`, `steps`: how the search ended, and how many curves were measured.
     - `kept`: by technique id, on held-out sessions of the scenes that were fitted to:
       none, freeze, ssaa4, Kim et al.'s constants and `fitted`.
     - `kept_elsewhere`: the same on held-out scenes; empty if there are none.
@@ -81,7 +103,7 @@ class CurveFit(NamedTuple):
 def gain_at_equal_detail(front: Sequence[FrontPoint], other: Kept) -> Interval | None:
     """How much less flicker the front has than a technique of the same detail loss.
 
-    The front is taken as straight between its points, which is never in its favour.
+    As a share of the technique's. The front is taken as straight between its points.
     The interval allows for the place on it being estimated: a session moves the gain
     by its own difference of flicker, and of detail loss times the front's slope.
 
@@ -97,5 +119,6 @@ def gain_at_equal_detail(front: Sequence[FrontPoint], other: Kept) -> Interval |
             flicker, loss = (
                 (1 - share) * a + share * b for a, b in zip(fine, coarse, strict=True)
             )
-            return _mean(other.flicker - flicker - slope * (other.detail_loss - loss))
+            gain = other.flicker - flicker - slope * (other.detail_loss - loss)
+            return _mean(_ratio(gain, other.flicker))
     return None

@@ -5,6 +5,7 @@ solver, scene by scene, with progress in between; the solver sees them as the li
 function that they are to it. An interrupted search therefore loses a step at most.
 """
 
+import contextlib
 import functools
 import json
 from collections.abc import Callable
@@ -131,10 +132,12 @@ class Journal:
     def __init__(self, path: Path | None, key: str):
         self._path, self._key = path, key
         self._found: dict[str, list] = {}
-        if path is not None and path.exists():
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if content.get("key") == key:
-                self._found = content["found"]
+        if path is not None:
+            # One that cannot be read is as good as none: the fit begins anew.
+            with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+                content = json.loads(path.read_text(encoding="utf-8"))
+                if content["key"] == key:
+                    self._found = dict(content["found"])
 
     def find(self, weight: float) -> Found | None:
         """Return a search that was finished before."""
@@ -150,8 +153,3 @@ class Journal:
             with written_atomically(self._path) as unfinished:
                 content = {"key": self._key, "found": self._found}
                 unfinished.write_text(json.dumps(content), encoding="utf-8")
-
-    def forget(self) -> None:
-        """Remove the file: the fit is done."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)

@@ -104,6 +104,10 @@ class CurveSpace(eqx.Module):
         """Return what a point stands for; differentiable."""
         return self.of_numbers(self.natural(point))
 
+    def concrete(self, point: Point | Float[np.ndarray, " numbers"]) -> HeadMovement:
+        """Return what a point stands for, its numbers Python floats."""
+        return jax.tree.map(float, self.technique(jnp.asarray(point)))
+
     def of_numbers(self, numbers: Float[Array, " names"]) -> HeadMovement:
         """Return the technique of natural numbers, in the order of `names`."""
         left = iter(numbers)
@@ -122,6 +126,13 @@ class CurveSpace(eqx.Module):
         return HeadMovement(
             w_min, w_lb, h_max, closeness, weights, ease=ease, localization=local
         )
+
+    @property
+    def ranges(self) -> tuple[Float[np.ndarray, " names"], Float[np.ndarray, " names"]]:
+        """Bounds of the natural numbers."""
+        least = np.array([_LEAST.get(name, 0.0) for name in self.names])
+        most = np.array([np.inf if name in _LEAST else 1.0 for name in self.names])
+        return least, most
 
     def within(
         self,
