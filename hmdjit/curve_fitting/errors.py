@@ -23,6 +23,7 @@ _LEVEL = 0.95
 _REPLICATES = 1000
 _SEED = 20260101
 _FLAT = 1e-6  # of a number's own curvature: what is flatter is not determined
+_MOSTLY = 0.5  # a number's share of a flat direction, from which on it is not told
 _FARTHEST = 3.0  # logits; Newton's step beyond is cut there
 
 Gradients = Float[np.ndarray, "sessions numbers"]
@@ -67,9 +68,9 @@ def errors(
     # Natural numbers move by their slopes: near a bound a logit says little, but where
     # a number may lie beside the bound is plain.
     slopes = np.asarray(jax.jacfwd(space.natural)(at), float)
-    inverse, flat = _inverse(curvatures.sum(axis=0))
+    inverse, unit, flat = _inverse(curvatures.sum(axis=0))
     moves = centred @ inverse @ slopes.T
-    is_untold = np.any(np.abs(slopes @ flat) > _FLAT, axis=1)
+    is_untold = np.any(np.abs(_directions(slopes @ unit) @ flat) > _MOSTLY, axis=1)
 
     rng = np.random.default_rng(_SEED)
     steps = []
@@ -86,19 +87,26 @@ def errors(
     )
 
 
+def _directions(rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "rows n"]:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(length > 0, length, 1.0)
+
+
 def _inverse(
     curvature: Float[np.ndarray, "n n"],
-) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n flat"]]:
-    """Inverse over the directions that are curved upwards at all, and the others.
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n"], np.ndarray]:
+    """Inverse over the directions that are curved; the units; the flat directions.
 
-    Each number counts in the unit that its own curvature gives it, if it has one.
+    Each number counts in the unit that its own curvature gives it. Next to a bound the
+    sum may be curved downwards in a logit: then the size of its curvature counts, so
+    that Newton's step leads down as well.
     """
     curvature = (curvature + curvature.T) / 2
     own = np.abs(np.diag(curvature))
-    unit = np.sqrt(np.where(own > 0, own, max(own.max(), 1.0)))
-    values, vectors = np.linalg.eigh(curvature / np.outer(unit, unit))
-    is_curved = values > _FLAT * values.max()
-    scale = np.where(is_curved, 1 / np.where(is_curved, values, 1.0), 0.0)
-    inverse = (vectors * scale) @ vectors.T / np.outer(unit, unit)
-    flat = vectors[:, ~is_curved] / unit[:, None]
-    return inverse, flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+    unit = np.diag(1 / np.sqrt(np.where(own > 0, own, max(own.max(), 1.0))))
+    values, vectors = np.linalg.eigh(unit @ curvature @ unit)
+    size = np.abs(values)
+    is_curved = size > _FLAT * size.max()
+    scale = np.where(is_curved, 1 / np.where(is_curved, size, 1.0), 0.0)
+    inverse = unit @ (vectors * scale) @ vectors.T @ unit
+    return inverse, unit, vectors[:, ~is_curved]

@@ -45,8 +45,7 @@ from .space import CurveSpace
 
 FIRST_WEIGHT = 0.1
 FRONT_WEIGHTS = (0.3, 1.0, 0.03, 0.01)
-"""Weights of detail loss along the front, after the first; each starts from the nearest
-one before it."""
+"""Weights of detail loss along the front, after the first, in the order of search."""
 
 LEAST_SESSIONS = 16
 HELD_OUT_START, HELD_OUT_SESSIONS = 1 << 28, 128
@@ -112,7 +111,7 @@ class _Fitter:
                 f"got {study.sessions}."
             )
         if not isinstance(study.head, HeadMotion):
-            raise NoFitError("head must be a model: recordings have too few sessions.")
+            raise NoFitError("head must be a model, not recordings.")
         if not isinstance(study.measure, Tiles) or study.measure.count != 1:
             raise NoFitError("measure must be one tile per session to fit a curve.")
         self.study, self.space, self.lag_weight = study, space, lag_weight
