@@ -6,6 +6,7 @@ forward) is `((x - W/2) / f, (H/2 - y) / f, -1)` with `f = (W/2) / tan(fov / 2)`
 """
 
 import functools
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -55,7 +56,8 @@ class Camera(eqx.Module):
     @property
     def is_valid(self) -> Bool[Array, ""] | bool:
         """Whether its numbers are in range: known only while running inside `jit`."""
-        return (self.fov_deg > 0) & (self.fov_deg < 180) & (self.refresh_hz > 0)
+        is_rate = (self.refresh_hz > 0) & (self.refresh_hz < math.inf)
+        return (self.fov_deg > 0) & (self.fov_deg < 180) & is_rate
 
     @property
     def frame_time_s(self) -> Scalar:

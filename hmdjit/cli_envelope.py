@@ -21,8 +21,8 @@ def _shown(metavar: str, text: str) -> Any:
 class EnvelopeCommand:
     """Measure the numerical envelope: errors of values and gradients at the extremes.
 
-    Holds every numerical function against answers of 80 digits, over its range on a
-    logarithmic scale, in float32 and float64, and says whether its stated bound holds.
+    Holds the functions of its table against answers of 80 digits, over their ranges on
+    a logarithmic scale, in float32 and float64, and says whether stated bounds hold.
     Takes a few minutes; `--quick` less than one.
     """
 

@@ -6,6 +6,7 @@ al. let head speed count by `Kim` (equation 4), colour difference by `Linear` (5
 
 import abc
 import itertools
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -13,6 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
+from jaxtyping import Array, Bool
 
 from . import _checks
 from ._types import Numbers, Scalar
@@ -32,6 +34,11 @@ class AbstractCurve(eqx.Module):
     @abc.abstractmethod
     def steepest(self) -> float:
         """Bound of the slope, of a curve whose numbers are known; sizes halos."""
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether its numbers are in range: known only while running inside `jit`."""
+        return True
 
 
 class Linear(AbstractCurve):
@@ -89,6 +96,11 @@ class Cosine(AbstractCurve):
     def __call__(self, share: Numbers | Scalar) -> Numbers:
         """Height of the curve, elementwise."""
         return jnp.sin(jnp.pi / 2 * share) ** (2 * self.exponent)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether the exponent is in the range above."""
+        return (self.exponent >= 0.5) & (self.exponent < math.inf)
 
     @property
     def steepest(self) -> float:
@@ -177,6 +189,15 @@ class Spline(AbstractCurve):
             gained = gained + a * ((2 - a) * low + a * high)
             left = left + b * ((2 - b) * high + b * low)
         return gained / (gained + left)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether the increments are in the range above."""
+        total = sum(self.increments)
+        found = (total > 0) & (total < math.inf)
+        for increment in self.increments:
+            found = found & (increment >= 0)
+        return found
 
     @property
     def steepest(self) -> float:

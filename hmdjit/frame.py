@@ -25,6 +25,8 @@ SAMPLERS = ("slices", "gather", "plain", "at_rest")
 FILTERS = ("nearest", "bilinear", "catmull_rom")
 WARPS = ("homography", "affine", "shift")
 
+_LENGTH_TOLERANCE = 0.01  # by which a pose's length may be off 1
+
 
 class Motion(eqx.Module):
     """Head motion at a frame, or along a session with a leading `frames` axis.
@@ -74,14 +76,17 @@ def checked_motion(
     """
     if _checks.is_traced(poses):
         poses = jnp.asarray(poses, dtype)
-        is_unit = jnp.abs(jnp.sum(poses**2, axis=1, keepdims=True) - 1) <= 0.02
+        length = jnp.sqrt(jnp.sum(poses**2, axis=1, keepdims=True))
+        is_unit = jnp.abs(length - 1) <= _LENGTH_TOLERANCE
         return Motion.of(jnp.where(is_unit, poses, jnp.nan))
     concrete = np.asarray(poses, np.float64)
     norm = np.linalg.norm(concrete, axis=1)
     worst = int(np.argmax(np.abs(norm - 1)))
-    if not abs(norm[worst] - 1) <= 0.01:
+    if not abs(norm[worst] - 1) <= _LENGTH_TOLERANCE:
+        low, high = 1 - _LENGTH_TOLERANCE, 1 + _LENGTH_TOLERANCE
         raise ValueError(
-            f"poses[{worst}] must have a length in [0.99, 1.01], got {norm[worst]:g}."
+            f"poses[{worst}] must have a length in [{low:g}, {high:g}], "
+            f"got {norm[worst]:g}."
         )
     return rebased_motion(concrete / norm[:, None], dtype)
 

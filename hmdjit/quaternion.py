@@ -185,8 +185,9 @@ def matrix_minus_identity(rotation: RotationVector) -> _Matrix:
 
     **Arguments:** `rotation`: rad, shape `(3,)`.
 
-    **Returns:** shape `(3, 3)`; each entry keeps its relative precision, which `R`
-    itself loses below 1e-4 rad in float32.
+    **Returns:** shape `(3, 3)`; up to about 1 rad each entry keeps its relative
+    precision, which `R` itself loses below 1e-4 rad in float32. Near half a turn
+    entries cancel: their error is then about eps of 1.
 
     **Source:** Rodrigues: `R - I = sinc(a) [r]x + 2 (sin(a/2) / a)^2 [r]x^2`.
     """

@@ -73,7 +73,7 @@ def test_by_default_ease_and_localisation_are_kims(rng, dtype):
     share = jnp.minimum(40 * speed, 25.0) / 25.0
     ours = blending.ease(40 * speed, 25.0)
     expected = jnp.sin(jnp.pi / 2 * share) ** 4
-    np.testing.assert_allclose(ours, expected, rtol=16 * jnp.finfo(dtype).eps)
+    np.testing.assert_allclose(ours, expected, rtol=16 * float(jnp.finfo(dtype).eps))
     ours = blending.localized_minimum(0.3, 0.1, difference)
     np.testing.assert_array_equal(ours, 0.3 - (0.3 - 0.1) * difference)
 

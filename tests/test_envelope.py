@@ -9,7 +9,7 @@ import pytest
 
 from hmdjit import cli, quaternion
 from hmdjit.studies import envelope, envelope_oracles, envelope_report
-from hmdjit.studies.envelope import Bound
+from hmdjit.studies.envelope import Bound, Case
 
 ENTRIES = {entry.name: entry for entry in envelope_report.entries()}
 
@@ -85,6 +85,36 @@ def test_a_wrong_gradient_of_a_right_value_does_not_hold():
     assert row.error <= row.bound
     assert row.gradient > 1000
     assert not row.holds
+
+
+def test_a_gradient_that_is_dead_at_rest_does_not_hold():
+    entry = ENTRIES["camera.displacement, px"]
+    assert isinstance(entry, Case)
+
+    def dead(fov, rotation, x, y):
+        still = jax.lax.stop_gradient(rotation)
+        is_still = jnp.all(rotation == 0)
+        return entry.function(fov, jnp.where(is_still, still, rotation), x, y)
+
+    row = row_of(dataclasses.replace(entry, function=dead))
+    assert row.error <= row.bound
+    assert row.gradient > 1e6  # eps: all of it is lost
+    assert not row.holds
+
+
+def test_the_quick_form_has_inputs_of_both_kinds_where_they_alternate():
+    tried = []
+
+    def inputs(rng, dtype):
+        return ((np.asarray(n, dtype),) for n in range(49))
+
+    def oracle(n):
+        tried.append(int(n[()]))
+        return [n[()]]
+
+    row_of(envelope.Case("n", "", lambda n: n, oracle, inputs, {"float32": Bound(1)}))
+    assert {tried[0], tried[-1]} == {0, 48}
+    assert min(sum(n % 2 == odd for n in tried) for odd in (0, 1)) > len(tried) // 4
 
 
 def test_a_seed_gives_the_same_rows_and_another_gives_others():

@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 import re
 
@@ -14,6 +15,8 @@ from scipy.spatial.transform import Rotation
 import hmdjit as hj
 from hmdjit import clips, rendering, session
 from hmdjit.camera import displacement_range
+from hmdjit.curves import Cosine, Spline
+from hmdjit.frame import GATHER
 from hmdjit.studies.tiles import HALO_TOLERANCE, required_halo_px
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
@@ -387,6 +390,53 @@ def test_a_head_that_leaves_the_margin_is_refused(rng):
     assert jnp.isnan(result.detail_loss)
     result = traced(jnp.asarray(poses[::-1][:4].repeat(2, axis=0)))
     assert jnp.isfinite(result.mtcd)
+
+
+def test_numbers_out_of_range_inside_compiled_code_are_nan(rng):
+    camera = hj.Camera(4, 3, 1.5, 60.0)
+    texture = texture_of(rng, camera, 4)
+    still = jnp.asarray(STILL[:2])
+    good = (60.0, 25.0, 1.0, 2.0, (0.2, 0.3, 0.5))
+
+    def flicker(refresh_hz, h_max, weight, exponent, increments):
+        technique = HeadMovement(
+            h_max_deg_s=h_max,
+            closeness=(0.2, 0.7),
+            weights=(weight, 1.0),
+            ease=Cosine(exponent),
+            localization=Spline(increments),
+        )
+        seen_by = dataclasses.replace(camera, refresh_hz=refresh_hz)
+        return hj.simulate(texture, seen_by, technique, still, reading=GATHER).mtcd
+
+    quickly = {"xla_backend_optimization_level": 0}
+    compiled = jax.jit(flicker, compiler_options=quickly)
+    assert jnp.isfinite(compiled(*good))
+    bad = (np.inf, np.inf, np.inf, 0.4, (0.2, -0.3, 0.5))
+    for n, number in enumerate(bad):
+        assert jnp.isnan(compiled(*good[:n], number, *good[n + 1 :])), number
+    for increments in ((0.0, 0.0, 0.0), (0.2, np.nan, 0.5)):
+        assert jnp.isnan(compiled(*good[:4], increments))
+
+
+def test_a_long_sum_keeps_what_rounding_takes_from_it():
+    terms = np.full(100_000, 0.1, np.float32)
+
+    @jax.jit
+    def summed(terms):
+        def advance(carry, term):
+            kept, plain = carry
+            return (session._compensated(kept, term[None]), plain + term), None
+
+        start = jnp.zeros((2, 1), terms.dtype), jnp.zeros((), terms.dtype)
+        (kept, plain), _ = jax.lax.scan(advance, start, terms)
+        return kept[0, 0], plain
+
+    kept, plain = summed(jnp.asarray(terms))
+    exact = np.sum(terms, dtype=np.float64)
+    # Rounded once; of equal terms a plain sum loses the same over and over.
+    assert abs(float(kept) / exact - 1) < 1.2e-7
+    assert abs(float(plain) / exact - 1) > 1e-5
 
 
 @pytest.mark.parametrize(

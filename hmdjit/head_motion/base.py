@@ -12,7 +12,7 @@ _Matrix = Float[Array, "states states"]
 
 # On a step with |drift| h <= 1/16 the first term left out of both series is below
 # 1e-16 of every entry of a double integrator, and 64 doublings of such a step cover
-# |drift| dt up to 2^60 = 1e18: a step of weeks over modes of microseconds.
+# |drift| dt up to 2^60 = 1e18: a step of 1e12 s over modes of microseconds.
 _SHORT_STEP = 1 / 16
 _SERIES_TERMS = 10
 _DOUBLINGS = 64

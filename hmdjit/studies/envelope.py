@@ -54,7 +54,8 @@ class Case:
       the dtype's eps. Else errors are absolute, in that unit.
     - `floor`: answers below this count as this large.
     - `slope_floor`: the same for gradients, as share of answer over argument, or over
-      `slope_unit` where the answer does not scale with the argument.
+      `slope_unit` where the answer does not scale with the argument. Without a unit
+      gradients at an argument of 0 have no floor.
     - `wrt`: arguments to differentiate by; None is all that are floating.
     - `has_kink`: tells where the answer has no derivative (ours must be finite).
     - `is_slow`: whether it is left out of the quick form.
@@ -168,7 +169,7 @@ def _of_run(
     return Row(run.name, run.over, dtype, run.unit, *numbers, where, absent, 1)
 
 
-_QUICK_INPUTS = 16
+_QUICK_INPUTS = 24
 
 
 def _of_case(
@@ -177,8 +178,9 @@ def _of_case(
     number = np.dtype(dtype)
     found = list(case.inputs(rng, number))
     if quick and len(found) > _QUICK_INPUTS:
-        # Evenly through the list: extremes stand at its beginning.
-        found = found[: 2 * _QUICK_INPUTS : 2] + found[-_QUICK_INPUTS // 2 :]
+        # Evenly, but not every second one: kinds of inputs alternate.
+        kept = np.linspace(0, len(found) - 1, _QUICK_INPUTS).astype(int)
+        found = [found[n] for n in kept]
     wrt = case.wrt
     if wrt is None:
         wrt = tuple(
@@ -212,8 +214,9 @@ def _of_case(
                 continue
             exact = _slope(case.oracle, exact_arguments, i, len(answer))
             largest = max(abs(x) for x in exact)
-            unit = case.slope_unit or max(float(np.max(np.abs(arguments[i]))), tiny)
-            floor = case.slope_floor * float(scale) / unit
+            # At 0 an argument has no size: there the slope itself is all there is.
+            unit = case.slope_unit or float(np.max(np.abs(arguments[i])))
+            floor = case.slope_floor * float(scale) / max(unit, tiny) if unit else 0.0
             divisor = max(largest, mp.mpf(floor), mp.mpf(tiny) / eps)
             for slope in slopes:
                 error = _distance(np.ravel(slope), exact) / divisor

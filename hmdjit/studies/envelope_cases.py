@@ -220,11 +220,20 @@ def _positions(rng: _Rng) -> np.ndarray:
     return edges if rng.random() < 0.5 else free
 
 
-def _views(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
-    for n, (rotation,) in enumerate(_turns(rng, dtype)):
+def _views(rng: _Rng, dtype: np.dtype, most: float = math.pi) -> Iterator[Inputs]:
+    for n, (rotation,) in enumerate(_turns(rng, dtype, most=most)):
         fov = _FOVS[n % len(_FOVS)]
         x, y = _positions(rng)
         yield tuple(np.asarray(v, dtype) for v in (fov, rotation, x, y))
+
+
+def _far_views(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
+    """Draw views turned by 1 rad to half a turn, axes in and off the image plane."""
+    angles = [*(a for a in ANGLES if a > 1), *rng.uniform(1, math.pi, 43)]
+    for n, (angle, axis) in enumerate(zip(angles, _axes(rng), strict=False)):
+        axis = _unit(axis * [1, 1, (1, 0.03)[n // 3 % 2]])
+        fov = _FOVS[n % len(_FOVS)]
+        yield np.asarray(fov, dtype), np.asarray(angle * axis, dtype)
 
 
 def _jitters(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
@@ -264,6 +273,13 @@ def _not_grazing(inputs: Callable) -> Callable:
     return kept
 
 
+def _far_homography(fov: Any, rotation: Any) -> Any:
+    """With that factor by which its entries are judged where those of R cancel."""
+    seen = _camera(fov)
+    found = camera.homography(seen, rotation).ravel()
+    return jnp.append(found, _PINHOLE.largest_factor(seen.focal_px))
+
+
 def cameras() -> list[Case]:
     """Fields of view from 0.1 to 179.9 degrees."""
     views = "0.1 to 179.9 deg"
@@ -290,12 +306,21 @@ def cameras() -> list[Case]:
         ),
         Case(
             "camera.homography",
-            f"0, 1e-30 to pi rad, {views}",
+            f"0, 1e-30 to 1 rad, {views}",
             lambda fov, r: camera.homography(_camera(fov), r),
             _PINHOLE.homography,
-            lambda rng, dtype: (found[:2] for found in _views(rng, dtype)),
-            # A focal length of 0.4 px changes 600 times as fast as the field of view.
-            eps(16, 4e3),
+            lambda rng, dtype: (found[:2] for found in _views(rng, dtype, most=1.0)),
+            eps(16, 64),
+            slope_floor=1.0,
+            is_slow=True,
+        ),
+        Case(
+            "camera.homography, of f + (W / 2)^2 / f",
+            f"1 to pi rad, {views}",
+            _far_homography,
+            _PINHOLE.far_homography,
+            _far_views,
+            eps(16, 64),
             slope_floor=1.0,
             is_slow=True,
         ),

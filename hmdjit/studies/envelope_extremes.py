@@ -1,9 +1,9 @@
 """The envelope's extremes of whole sessions: gradients, holes, what is out of range.
 
 Every technique's numbers at the ends of their ranges, pictures that are black, equal,
-one pixel wide or far brighter than white, and heads at rest, at exactly the fastest
-blended speed, and turned so far that nothing seen before is in view: all gradients must
-be numbers. What is no number must not spread.
+one pixel wide or far brighter than white, and heads at rest, at the fastest blended
+speed up to rounding, and turned so far that nothing seen before is in view: all
+gradients must be numbers. What is no number must not spread.
 """
 
 from collections.abc import Iterator
@@ -34,6 +34,8 @@ SIZES = ((4, 5), (1, 1), (1, 6), (6, 1))
 
 TURNS_RAD = (0.0, 1e-30, 1e-12, 1e-7, 1e-4, 1e-2, 1.0, np.pi / 2, np.pi - 1e-6, np.pi)
 
+_AXIS = (0.1, 1.0, 0.0)
+_LENGTH = np.hypot(0.1, 1.0)
 _LEVELS = (0.0, 1e-30, 1e-8, 0.5, 1.0, 1e6)
 
 
@@ -67,7 +69,7 @@ def techniques() -> dict[str, list[HeadMovement]]:
 
 def _poses(turn_rad: Any) -> Any:
     """Two equal turns after the hold pose, about yaw and a little pitch."""
-    step = quaternion.exp(jnp.stack([0.1 * turn_rad, turn_rad, 0.0 * turn_rad]))
+    step = quaternion.exp(jnp.stack([part * turn_rad for part in _AXIS]))
     first = jnp.zeros_like(step).at[0].set(1.0)
     return jnp.stack([first, step, quaternion.multiply(step, step)])
 
@@ -104,8 +106,8 @@ def clip_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
                     said, frames = pictures[(7 * n + 5 * k) % len(pictures)]
                     fov = (0.1, 16.0, 96.0, 179.9)[(n + k) % 4]
                     speed = float(technique.h_max_deg_s)
-                    if k % 3 == 2 and 1e-6 < speed < 1e6:  # exactly at h_max
-                        turn = np.deg2rad(speed / 60.0)
+                    if k % 3 == 2 and 1e-6 < speed < 1e6:  # at h_max, up to rounding
+                        turn = np.deg2rad(speed / 60.0) / _LENGTH
                     camera = Camera(size[1], size[0], fov, 60.0)
                     given = jax.tree.map(
                         lambda x: jnp.asarray(x, dtype),
@@ -228,12 +230,14 @@ def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
 # --- holes ---
 
 
-def _reach(readings: Any, rng: _Rng, quick: bool) -> Iterator[tuple[int, str]]:
+def _reach(
+    readings: Any, rng: _Rng, quick: bool, size: int = 12
+) -> Iterator[tuple[int, str]]:
     for n in range(6 if quick else 40):
         dx, dy = rng.uniform(-2.2, 2.2, 2) if n else (0.0, 0.0)
         for hole in (np.nan, np.inf):
-            picture = rng.random((12, 12, 1))
-            picture[6, 6] = hole
+            picture = rng.random((size, size, 1))
+            picture[size // 2, size // 2] = hole
             yield (
                 readings(picture, float(dx), float(dy)),
                 f"{hole} read at {dx!r}, {dy!r}",
@@ -263,27 +267,29 @@ def hole_by_gathers(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
 
 def hole_by_slices(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Pixels that such a texel reaches beyond the 4 x 4 that slices take."""
+    """Pixels that such a texel reaches beyond the 3 x 3 or 4 x 4 that slices take."""
 
     @jax.jit
     def read(picture: Any, dx: Any, dy: Any) -> Any:
         texels = resampling.texels(picture)
         place = jnp.stack([dx, dy])
-        moved = jnp.full((4, 4), dx), jnp.full((4, 4), dy)
-        four = jnp.int32(4)
-        span = jnp.stack([place, place])
+        moved = jnp.full((12, 12), dx), jnp.full((12, 12), dy)
+        six = jnp.int32(6)
+        # Texels from `floor(d - margin)` on: 3 each way for 1/2, 4 for 1.
+        margin = jnp.where(dx > 0, 1.0, 0.5).astype(dx.dtype)
+        span = jnp.stack([place - margin, place + margin])
         return resampling.bilinear_by_slices(
-            texels, four, four, (4, 4), span, lambda: moved
+            texels, six, six, (12, 12), span, lambda: moved
         )[0]
 
     def spread(picture: np.ndarray, dx: float, dy: float) -> int:
         shown = read(*(jnp.asarray(x, dtype) for x in (picture, dx, dy)))
         rows, columns = np.nonzero(~np.isfinite(np.asarray(shown)))
-        near = (np.abs(rows + 4 + dy - 6) <= 3) & (np.abs(columns + 4 + dx - 6) <= 3)
+        near = (np.abs(rows + dy - 6) < 2) & (np.abs(columns + dx - 6) < 2)
         return int(np.sum(~near))
 
     worst = Worst()
-    for beyond, where in _reach(spread, rng, quick):
+    for beyond, where in _reach(spread, rng, quick, size=24):
         worst.add(beyond, where)
     return worst.found
 

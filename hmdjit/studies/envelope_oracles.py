@@ -162,6 +162,15 @@ class Pinhole:
         found = to_pixel * mp.matrix(matrix(rotation)) * to_ray
         return list(found)
 
+    def largest_factor(self, focal: Any) -> Any:
+        """By what K and K^-1 multiply R: f, or (W / 2)^2 / f of wide views."""
+        return focal + (self.width / 2) ** 2 / focal
+
+    def far_homography(self, fov: Numbers, rotation: Numbers) -> list:
+        """`K R K^-1`, and that factor."""
+        factor = self.largest_factor(self.focal(fov))
+        return [*self.homography(fov, rotation), factor]
+
     def px_per_deg(self, fov: Numbers, position: Numbers) -> list:
         """Speed of the picture when the head turns or nods."""
         x, y, _ = self.ray(fov, *position)

@@ -76,8 +76,9 @@ def explanation(rows: Sequence[Row]) -> str:
     words = [
         f"{len(rows) - len(broken)} of {len(rows)} bounds hold. eps: relative to the "
         "answer's largest entry, in units of the dtype's spacing at 1 (1.2e-7 and "
-        f"2.2e-16). Answers have {DIGITS} digits (mpmath), gradients are theirs; runs "
-        "are held against float64. Worst inputs are in the CSV."
+        f"2.2e-16). Answers have {DIGITS} digits (mpmath), gradients are theirs; "
+        "`simulate` (but for counts), `theory.predict` and `scenes.bake` are held "
+        "against float64. Worst inputs are in the CSV."
     ]
     for row in broken:
         where = row.worst if row.error > row.bound else row.worst_gradient

@@ -184,12 +184,12 @@ def _measured(path: np.ndarray, dtype: str, technique: Any, warmup: int = 0) -> 
     return jax.tree.map(float, found)
 
 
-def long_session(rng: _Rng, dtype: str, quick: bool, warmup: int = 0) -> _Found:
+def long_session(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Flicker and detail loss of half an hour against float64, relative."""
     frames = 5_000 if quick else 100_000
-    path = still_path(rng, frames + warmup, 3e-4)
-    ours = _measured(path, dtype, HeadMovement(), warmup)
-    oracle = _measured(path, "float64", HeadMovement(), warmup)
+    path = still_path(rng, frames, 3e-4)
+    ours = _measured(path, dtype, HeadMovement())
+    oracle = _measured(path, "float64", HeadMovement())
     worst = Worst()
     for name in ("mtcd", "detail_loss"):
         expected = getattr(oracle, name)
@@ -301,7 +301,7 @@ def _one(value: float) -> dict[str, Bound]:
 
 
 def runs() -> list[Run]:
-    """All of them. Those of one dtype are held against float64."""
+    """All of them."""
     none = {"float32": Bound(0.0), "float64": Bound(0.0)}
     half_hour = "1e5 frames: half an hour at 60 Hz"
     return [
@@ -309,6 +309,7 @@ def runs() -> list[Run]:
             "reprojection.past_position",
             "1e-7 to 0.1 rad per frame, any hold pose, up to 20 deg off it",
             past_samples,
+            # What is asked for; 2.6e-5 px is found in float32.
             {"float32": Bound(1e-3), "float64": Bound(1e-11)},
             "px",
         ),
@@ -335,7 +336,8 @@ def runs() -> list[Run]:
             _one(2.0**-23 / 0.05),
             "relative",
         ),
-        Run("simulate", half_hour, long_session, _one(2e-6), "relative"),
+        # Sums that are not compensated err by 2e-6.
+        Run("simulate", half_hour, long_session, _one(3e-7), "relative"),
         Run(
             "simulate, warm-up",
             "1e5 frames of warm-up, 2 measured",
@@ -348,7 +350,7 @@ def runs() -> list[Run]:
             "simulate, small motion",
             "0, 1e-8 to 1e-2 rad per frame",
             small_motion,
-            _one(1e-4),
+            _one(2e-5),
             "code values",
             is_slow=True,
         ),

@@ -1,6 +1,7 @@
 """Head-movement based temporal anti-aliasing (Kim et al.)."""
 
 import functools
+import math
 import operator
 from collections.abc import Callable, Sequence
 
@@ -175,11 +176,12 @@ class HeadMovement(AbstractTechnique):
     def is_valid(self) -> Bool[Array, ""] | bool:
         """Whether its numbers are in the ranges above."""
         found = (self.w_lb >= 0) & (self.w_lb <= self.w_min) & (self.w_min <= 1)
-        found = found & (self.h_max_deg_s > 0)
+        found = found & (self.h_max_deg_s > 0) & (self.h_max_deg_s < math.inf)
+        found = found & self.ease.is_valid & self.localization.is_valid
         for d in self.closeness:
             found = found & (d >= 0) & (d <= 1)
         for weight in self._raw_weights():
-            found = found & (weight >= 0)
+            found = found & (weight >= 0) & (weight < math.inf)
         if self.weights is not None:
             found = found & (sum(self.weights) > 0)
         return found if self.resolve is None else found & self.resolve.is_valid
