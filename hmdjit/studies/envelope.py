@@ -56,6 +56,8 @@ class Case:
     - `slope_floor`: the same for gradients, as share of answer over argument, or over
       `slope_unit` where the answer does not scale with the argument. Without a unit
       gradients at an argument of 0 have no floor.
+    - `unit_at_0`: from all arguments, that unit of one that is 0, where the true slope
+      is 0 as well.
     - `wrt`: arguments to differentiate by; None is all that are floating.
     - `has_kink`: tells where the answer has no derivative (ours must be finite).
     - `is_slow`: whether it is left out of the quick form.
@@ -71,6 +73,7 @@ class Case:
     floor: float = 0.0
     slope_floor: float = 0.0
     slope_unit: float | None = None
+    unit_at_0: Callable[..., float] | None = None
     wrt: tuple[int, ...] | None = None
     has_kink: Callable[..., bool] | None = None
     is_slow: bool = False
@@ -216,6 +219,8 @@ def _of_case(
             largest = max(abs(x) for x in exact)
             # At 0 an argument has no size: there the slope itself is all there is.
             unit = case.slope_unit or float(np.max(np.abs(arguments[i])))
+            if not unit and case.unit_at_0 is not None:
+                unit = case.unit_at_0(*arguments)
             floor = case.slope_floor * float(scale) / max(unit, tiny) if unit else 0.0
             divisor = max(largest, mp.mpf(floor), mp.mpf(tiny) / eps)
             for slope in slopes:

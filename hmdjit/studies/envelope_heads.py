@@ -159,6 +159,12 @@ def _oracle(make: Callable, law: Callable, *others: float) -> Callable:
     return of
 
 
+def _shorter_time(
+    speed: np.ndarray, time: np.ndarray, returns: np.ndarray, lag: np.ndarray
+) -> float:
+    return float(min(time, returns))
+
+
 def _cases(kind: str, make: Callable, inputs: Callable, law: Callable) -> list[Case]:
     is_wander = kind == "wander"
     over = (
@@ -179,6 +185,7 @@ def _cases(kind: str, make: Callable, inputs: Callable, law: Callable) -> list[C
             _with(inputs, lag),
             eps(32, 1e3),
             slope_floor=1.0,
+            unit_at_0=_shorter_time if is_wander else None,
             is_slow=True,
         ),
         Case(
