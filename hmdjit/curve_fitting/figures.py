@@ -177,7 +177,7 @@ def draw_front(fit: CurveFit, footer: str) -> Figure:
     axes.xaxis.set_major_locator(FixedLocator(ticks(low, high)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(0, 1.03 * max(y.high for y in flickers))
+    axes.set_ylim(0, 1.12 * max(y.high for y in flickers))
     ssaa = fit.kept["ssaa4"].intervals()[0]
     edge = low * (high / low) ** 0.015
     spread = [[ssaa.value - ssaa.low], [ssaa.high - ssaa.value]]
