@@ -47,27 +47,23 @@ def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
         raise ImportError(
             "The envelope needs mpmath: install `hmdjit[study]`."
         ) from error
-    from .studies import envelope, envelope_report
+    from .envelope import measuring, report
 
     start, names = time.monotonic(), set()
 
-    def say(row: envelope.Row) -> None:
+    def say(row: measuring.Row) -> None:
         if row.name not in names:
             names.add(row.name)
             seconds = time.monotonic() - start
             console.print(f"{seconds:5.0f} s  {row.name}", highlight=False)
 
-    rows = envelope_report.measured(
-        seed=command.seed, quick=command.quick, progress=say
-    )
-    console.print(envelope_report.table(rows, console.width))
-    explanation = envelope_report.explanation(rows)
+    rows = report.measured(seed=command.seed, quick=command.quick, progress=say)
+    console.print(report.table(rows, console.width))
+    explanation = report.explanation(rows)
     console.print(explanation, highlight=False, soft_wrap=True)
-    file = envelope.write_csv(rows, command.out / "envelope.csv")
+    file = measuring.write_csv(rows, command.out / "envelope.csv")
     points = 49 if command.quick else 121
-    picture = envelope_report.write_figure(
-        file.with_suffix(".png"), command.seed, points
-    )
+    picture = report.write_figure(file.with_suffix(".png"), command.seed, points)
     seconds = time.monotonic() - start
     console.print(
         f"Wrote {file} and {picture} after {seconds:.0f} s.",

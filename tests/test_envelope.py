@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hmdjit import cli, quaternion
-from hmdjit.studies import envelope, envelope_oracles, envelope_report
-from hmdjit.studies.envelope import Bound, Case
+from hmdjit.envelope import measuring, oracles, report
+from hmdjit.envelope.measuring import Bound, Case
 
-ENTRIES = {entry.name: entry for entry in envelope_report.entries()}
+ENTRIES = {entry.name: entry for entry in report.entries()}
 
 # One of each kind, of those that compile quickly.
 FEW = [
@@ -32,11 +32,11 @@ def case(**changes):
 
 
 def row_of(entry, **options):
-    return envelope.measure([entry], quick=True, **options)[0]
+    return measuring.measure([entry], quick=True, **options)[0]
 
 
 def test_bounds_hold_in_the_quick_form_of_a_few():
-    rows = envelope.measure([ENTRIES[name] for name in FEW], quick=True)
+    rows = measuring.measure([ENTRIES[name] for name in FEW], quick=True)
     assert [row.name for row in rows] == FEW
     assert {row.dtype for row in rows} == {"float32"}
     for row in rows:
@@ -45,18 +45,18 @@ def test_bounds_hold_in_the_quick_form_of_a_few():
 
 @pytest.mark.slow
 def test_all_bounds_hold():
-    rows = envelope_report.measured()
+    rows = report.measured()
     broken = [row for row in rows if not row.holds]
     assert not broken
     assert {row.dtype for row in rows} == {"float32", "float64"}
 
 
 def test_names_are_unique_and_every_entry_states_a_bound():
-    entries = envelope_report.entries()
+    entries = report.entries()
     assert len(ENTRIES) == len(entries) >= 60
     for entry in entries:
         assert entry.bounds
-        assert set(entry.bounds) <= set(envelope.DTYPES)
+        assert set(entry.bounds) <= set(measuring.DTYPES)
 
 
 def textbook_log(q):
@@ -112,7 +112,7 @@ def test_the_quick_form_has_inputs_of_both_kinds_where_they_alternate():
         tried.append(int(n[()]))
         return [n[()]]
 
-    row_of(envelope.Case("n", "", lambda n: n, oracle, inputs, {"float32": Bound(1)}))
+    row_of(measuring.Case("n", "", lambda n: n, oracle, inputs, {"float32": Bound(1)}))
     assert {tried[0], tried[-1]} == {0, 48}
     assert min(sum(n % 2 == odd for n in tried) for odd in (0, 1)) > len(tried) // 4
 
@@ -128,10 +128,12 @@ def test_a_seed_gives_the_same_rows_and_another_gives_others():
 def test_the_worst_input_gives_the_worst_error_again():
     row = row_of(ENTRIES["quaternion.exp"])
     rotation = np.array(eval(row.worst), np.float32)
-    with envelope.mp.workdps(envelope.DIGITS):
-        exact = envelope_oracles.exp([envelope.mp.mpf(float(x)) for x in rotation])
+    with measuring.mp.workdps(measuring.DIGITS):
+        exact = oracles.exp([measuring.mp.mpf(float(x)) for x in rotation])
         ours = np.asarray(quaternion.exp(jnp.asarray(rotation)), float)
-        gap = max(abs(envelope.mp.mpf(a) - b) for a, b in zip(ours, exact, strict=True))
+        gap = max(
+            abs(measuring.mp.mpf(a) - b) for a, b in zip(ours, exact, strict=True)
+        )
     # Compiled alone it may be rounded otherwise: half an eps more or less.
     assert float(gap) / np.finfo(np.float32).eps == pytest.approx(row.error, abs=0.5)
 
@@ -140,14 +142,14 @@ def test_rows_are_written_and_told(tmp_path):
     good, bad = (
         row_of(case(bounds={"float32": Bound(value, 12)})) for value in (6, 1e-9)
     )
-    file = envelope.write_csv([good, bad], tmp_path / "out" / "envelope.csv")
+    file = measuring.write_csv([good, bad], tmp_path / "out" / "measuring.csv")
     with open(file, newline="") as text:
         found = list(csv.DictReader(text))
     assert [row["holds"] for row in found] == ["True", "False"]
     assert float(found[0]["error"]) == good.error
-    assert "1 of 2 bounds hold" in envelope_report.explanation([good, bad])
-    assert bad.worst in envelope_report.explanation([good, bad])
-    wide, narrow = (envelope_report.table([good, bad], width) for width in (160, 80))
+    assert "1 of 2 bounds hold" in report.explanation([good, bad])
+    assert bad.worst in report.explanation([good, bad])
+    wide, narrow = (report.table([good, bad], width) for width in (160, 80))
     assert len(wide.columns) == len(narrow.columns) + 1
 
 
@@ -156,8 +158,8 @@ def test_the_command_writes_its_table_and_its_figure(tmp_path, capsys):
     assert cli.run(["envelope", "--quick", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "bounds hold" in printed
-    assert (tmp_path / "envelope.png").stat().st_size > 10_000
-    with open(tmp_path / "envelope.csv", newline="") as text:
+    assert (tmp_path / "measuring.png").stat().st_size > 10_000
+    with open(tmp_path / "measuring.csv", newline="") as text:
         rows = list(csv.DictReader(text))
     quick = [entry for entry in ENTRIES.values() if not entry.is_slow]
     assert {row["name"] for row in rows} == {entry.name for entry in quick}
@@ -170,17 +172,16 @@ def test_a_seed_must_be_a_whole_number(capsys):
 
 def test_the_oracles_of_a_discretised_process_obey_its_differential_equation():
     # An independent check of the one oracle that is not a textbook's line.
-    with envelope.mp.workdps(50):
-        mpf = envelope.mp.mpf
+    with measuring.mp.workdps(50):
+        mpf = measuring.mp.mpf
         drift = np.array([[mpf("-0.3"), mpf(2)], [mpf(-1), mpf("-0.7")]], object)
         diffusion = np.array([[mpf(0), mpf(0)], [mpf(0), mpf(3)]], object)
         step, at = mpf(10) ** -15, mpf("0.8")
         sides = [
-            envelope_oracles.transition(drift, diffusion, at + sign * step)
-            for sign in (1, -1)
+            oracles.transition(drift, diffusion, at + sign * step) for sign in (1, -1)
         ]
         slope = np.array([(a - b) / (2 * step) for a, b in zip(*sides, strict=True)])
-        now = envelope_oracles.transition(drift, diffusion, at)
+        now = oracles.transition(drift, diffusion, at)
         moved = np.array(now[:4], object).reshape(2, 2) + np.eye(2, dtype=int)
         noise = np.array(now[4:], object).reshape(2, 2)
         law = drift @ noise + noise @ drift.T + diffusion

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import blending, color, resampling
-from . import envelope_oracles as exact
-from .envelope import Bound, Case, Inputs
-from .envelope_cases import eps
+from . import oracles as exact
+from .cases import eps
+from .measuring import Bound, Case, Inputs
 
 _Rng = np.random.Generator
 

@@ -15,8 +15,8 @@ import numpy as np
 from .. import camera, quaternion
 from ..camera import Camera, Region
 from ..frame import Displacement
-from . import envelope_oracles as exact
-from .envelope import DTYPES, Bound, Case, Inputs
+from . import oracles as exact
+from .measuring import DTYPES, Bound, Case, Inputs
 
 _Rng = np.random.Generator
 

@@ -18,14 +18,10 @@ from .. import camera as pinhole
 from .. import quaternion
 from ..camera import Camera
 from ..frame import rebased_motion
-from . import drawing
-from . import envelope_cases as cases
-from . import envelope_extremes as extremes
-from . import envelope_heads as heads
-from . import envelope_oracles as exact
-from . import envelope_pictures as pictures
-from . import envelope_runs as runs
-from .envelope import DIGITS, Case, Row, Run, measure
+from ..studies import drawing
+from . import cases, extremes, heads, pictures, runs
+from . import oracles as exact
+from .measuring import DIGITS, Case, Row, Run, measure
 
 _OURS, _OTHER, _THIRD = "#0072B2", "#D55E00", "#009E73"
 _LOWEST, _HIGHEST = 1e-12, 10.0  # what is drawn; answers that are wrong are 1

@@ -15,9 +15,9 @@ from mpmath import mp
 from ..head_motion import HeadMotion
 from ..head_motion.base import discretise
 from ..head_motion.parameters import Resonator
-from . import envelope_oracles as exact
-from .envelope import Case, Inputs
-from .envelope_cases import eps
+from . import oracles as exact
+from .cases import eps
+from .measuring import Case, Inputs
 
 _Rng = np.random.Generator
 

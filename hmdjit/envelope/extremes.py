@@ -22,9 +22,9 @@ from ..head_motion.parameters import Amplitude, Resonator
 from ..simulation import simulate
 from ..sources import History
 from ..techniques import SSAA, HeadMovement
-from .envelope import Bound, Run
-from .envelope_heads import RATES_HZ, TIMES_S
-from .envelope_runs import Worst, poses_of, still_path, texture_of_noise
+from .heads import RATES_HZ, TIMES_S
+from .measuring import Bound, Run
+from .runs import Worst, poses_of, still_path, texture_of_noise
 
 _Rng = np.random.Generator
 _Found = tuple[float, str]

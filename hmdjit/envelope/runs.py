@@ -19,10 +19,10 @@ from ..reprojection import past_position
 from ..session import Result, differentiable_session
 from ..sources import History, Texture
 from ..techniques import HeadMovement, NoAntialiasing
-from . import envelope_oracles as exact
-from .envelope import Bound, Run
-from .envelope_cases import ANGLES
-from .envelope_heads import RATES_HZ, TIMES_S
+from . import oracles as exact
+from .cases import ANGLES
+from .heads import RATES_HZ, TIMES_S
+from .measuring import Bound, Run
 
 _Rng = np.random.Generator
 mp = exact.mp

@@ -1,0 +1,1 @@
+"""The numerical envelope: where every function is right, and how right."""
