@@ -123,7 +123,7 @@ def run(arguments: Sequence[str]) -> int:
             return OK if cli_envelope.run(command, console) else FAILED
         return _study(command, console)
     except KeyboardInterrupt as stop:
-        print(f"hmdjit: {stop or 'stopped.'}", file=sys.stderr)
+        print(f"hmdjit: {str(stop) or 'stopped.'}", file=sys.stderr)
         return INTERRUPTED
     except (ValueError, ImportError) as error:
         return _complain(error, WRONG_INPUT)
