@@ -82,13 +82,9 @@ def test_sessions_are_measured_as_studies_measure_them():
     np.testing.assert_allclose(ours[:, 1], theirs.detail_loss, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "space",
-    [
-        CurveSpace("power", 2),
-        pytest.param(CurveSpace("spline", 1, "spline"), marks=pytest.mark.slow),
-    ],
-    ids=str,
+    "space", [CurveSpace("power", 2), CurveSpace("spline", 1, "spline")], ids=str
 )
 def test_slopes_are_those_of_differences(space):
     view = looking(2, lag=True, dtype=np.float64)
@@ -302,6 +298,7 @@ def recovered(seed, noise):
     return space, curve_fitting.recover(space, [spots()], view, observed[None])
 
 
+@pytest.mark.slow
 def test_a_known_curve_is_recovered_from_its_sessions():
     space, found = recovered(0, 0.0)
     truth = np.asarray(space.natural(space.near(TRUTH)))
