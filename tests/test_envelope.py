@@ -142,7 +142,7 @@ def test_rows_are_written_and_told(tmp_path):
     good, bad = (
         row_of(case(bounds={"float32": Bound(value, 12)})) for value in (6, 1e-9)
     )
-    file = measuring.write_csv([good, bad], tmp_path / "out" / "measuring.csv")
+    file = measuring.write_csv([good, bad], tmp_path / "out" / "envelope.csv")
     with open(file, newline="") as text:
         found = list(csv.DictReader(text))
     assert [row["holds"] for row in found] == ["True", "False"]
@@ -158,8 +158,8 @@ def test_the_command_writes_its_table_and_its_figure(tmp_path, capsys):
     assert cli.run(["envelope", "--quick", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "bounds hold" in printed
-    assert (tmp_path / "measuring.png").stat().st_size > 10_000
-    with open(tmp_path / "measuring.csv", newline="") as text:
+    assert (tmp_path / "envelope.png").stat().st_size > 10_000
+    with open(tmp_path / "envelope.csv", newline="") as text:
         rows = list(csv.DictReader(text))
     quick = [entry for entry in ENTRIES.values() if not entry.is_slow]
     assert {row["name"] for row in rows} == {entry.name for entry in quick}

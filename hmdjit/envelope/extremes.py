@@ -262,7 +262,7 @@ def hole_by_gathers(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
     worst = Worst()
     for beyond, where in _reach(spread, rng, quick):
-        worst.add(beyond, where)
+        worst.add(float(beyond), where)
     return worst.found
 
 
@@ -290,7 +290,7 @@ def hole_by_slices(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
     worst = Worst()
     for beyond, where in _reach(spread, rng, quick, size=24):
-        worst.add(beyond, where)
+        worst.add(float(beyond), where)
     return worst.found
 
 
