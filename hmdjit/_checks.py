@@ -21,6 +21,11 @@ def number(value: Any) -> Any:
     return value if isinstance(value, jax.Array) else float(value)
 
 
+def numbers(values: Iterable[Any]) -> tuple[Any, ...]:
+    """Convert each of several values as `number` does."""
+    return tuple(number(value) for value in values)
+
+
 def is_traced(value: Any) -> bool:
     """Whether a value is not known yet because a program is being traced."""
     return isinstance(value, Tracer)

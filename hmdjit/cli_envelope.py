@@ -8,13 +8,10 @@ from typing import Annotated, Any
 import rich.console
 import tyro
 
+from .cli_options import shown
 from .studies.study import check_seed
 
 _FOLDER = Path("hmdjit-envelope")
-
-
-def _shown(metavar: str, text: str) -> Any:
-    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,11 +24,11 @@ class EnvelopeCommand:
     """
 
     quick: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, _shown("", "Fewer inputs, shorter runs.")
+        bool, tyro.conf.FlagCreatePairsOff, shown("", "Fewer inputs, shorter runs.")
     ] = False
-    seed: Annotated[int, _shown("N", "Seed of all inputs (default: 0).")] = 0
+    seed: Annotated[int, shown("N", "Seed of all inputs (default: 0).")] = 0
     out: Annotated[
-        Path, _shown("DIR", f"Folder for what is written (default: {_FOLDER}).")
+        Path, shown("DIR", f"Folder for what is written (default: {_FOLDER}).")
     ] = _FOLDER
 
 

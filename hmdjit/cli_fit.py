@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import rich.console
-import tyro
 
 from . import _checks, scenes
+from .cli_options import Fov, Height, Seed, Width, shown
 from .curve_fitting import CurveFit, CurveSpace, figures, fit, report
 from .curve_fitting.fitting import LEAST_SESSIONS
 from .curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
@@ -28,10 +28,6 @@ _NONE = "none"
 _SECONDS_BETWEEN_LINES = 10.0
 
 
-def _shown(metavar: str, text: str) -> Any:
-    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
-
-
 @dataclasses.dataclass(frozen=True)
 class FitCommand:
     """Fit blending curves of head speed: least flicker at a loss of detail.
@@ -44,7 +40,7 @@ class FitCommand:
 
     scenes: Annotated[
         tuple[str, ...] | None,
-        _shown(
+        shown(
             "NAME...",
             "Scenes to fit to (default: eight of the eleven; without "
             f"{' and '.join(HELD_OUT)}, which are held out, and {FLAT}, which has no "
@@ -53,24 +49,24 @@ class FitCommand:
     ] = None
     held_out: Annotated[
         tuple[str, ...] | None,
-        _shown(
+        shown(
             "NAME...",
             "Scenes to judge on, or none (default: the rest of the eleven, without "
             f"{FLAT}).",
         ),
     ] = None
     head: Annotated[
-        str | None, _shown("NAME|TOML", f"Head model (default: {definition.HEAD}).")
+        str | None, shown("NAME|TOML", f"Head model (default: {definition.HEAD}).")
     ] = None
     family: Annotated[
-        str, _shown("NAME", f"Ease curves: {', '.join(FAMILIES)} (default: kim).")
+        str, shown("NAME", f"Ease curves: {', '.join(FAMILIES)} (default: kim).")
     ] = "kim"
     samples: Annotated[
-        int, _shown("N", f"Past samples, 1 to {MOST_SAMPLES} (default: 1).")
+        int, shown("N", f"Past samples, 1 to {MOST_SAMPLES} (default: 1).")
     ] = 1
     localization: Annotated[
         str,
-        _shown(
+        shown(
             "NAME",
             f"How colour difference counts: {', '.join(LOCALIZATIONS)} (default: "
             "linear).",
@@ -78,39 +74,33 @@ class FitCommand:
     ] = "linear"
     detail_loss: Annotated[
         float | None,
-        _shown(
+        shown(
             "X",
             "Largest detail loss, relative to no anti-aliasing (default: that of Kim "
             "et al.'s constants).",
         ),
     ] = None
     lag: Annotated[
-        float, _shown("WEIGHT", "Weight of the lag after a quick turn (default: 0).")
+        float, shown("WEIGHT", "Weight of the lag after a quick turn (default: 0).")
     ] = 0.0
     sessions: Annotated[
         int,
-        _shown(
+        shown(
             "N", f"Sessions, at least {LEAST_SESSIONS}, one tile (default: {SESSIONS})."
         ),
     ] = SESSIONS
-    frames: Annotated[int | None, _shown("N", "Measured frames (default: 10).")] = None
-    warmup: Annotated[int | None, _shown("N", "Frames before them (default: 12).")] = (
+    frames: Annotated[int | None, shown("N", "Measured frames (default: 10).")] = None
+    warmup: Annotated[int | None, shown("N", "Frames before them (default: 12).")] = (
         None
     )
-    refresh: Annotated[float | None, _shown("HZ", "Refresh rate (default: 60).")] = None
-    width: Annotated[
-        int | None, _shown("PX", "Width of the frame (default: 1024).")
-    ] = None
-    height: Annotated[
-        int | None, _shown("PX", "Height of the frame (default: 1024).")
-    ] = None
-    fov: Annotated[
-        float | None, _shown("DEG", "Horizontal field of view (default: 96).")
-    ] = None
-    seed: Annotated[int, _shown("N", "Seed of all random draws (default: 0).")] = 0
+    refresh: Annotated[float | None, shown("HZ", "Refresh rate (default: 60).")] = None
+    width: Width = None
+    height: Height = None
+    fov: Fov = None
+    seed: Seed = 0
     out: Annotated[
         Path,
-        _shown("TOML", "File for the curve, pictures beside it (default: curve.toml)."),
+        shown("TOML", "File for the curve, pictures beside it (default: curve.toml)."),
     ] = Path("curve.toml")
 
 

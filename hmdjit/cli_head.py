@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from . import _checks
 from ._files import written_atomically
 from ._version import __version__
+from .cli_options import shown
 from .head_motion import HeadMotion, Trace, fitting, presets, spectra, statistics
 from .head_motion.parameters import AXES
 from .head_motion.statistics import Goodness
@@ -28,30 +29,26 @@ _DRAWS = 16  # of a model, beside each recording
 _MOST_DRAWN_FRAMES = 2 * 10**6  # of a model, beside a sample
 
 
-def _shown(metavar: str, text: str) -> Any:
-    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
-
-
 @dataclasses.dataclass(frozen=True)
 class Recordings:
     """Recordings, and how they are read."""
 
     traces: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
-        _shown("TRACE...", "Recorded heads: tables or pose logs."),
+        shown("TRACE...", "Recorded heads: tables or pose logs."),
     ] = ()
     axes: Annotated[
-        str, _shown("NAME", "Axes of the poses: openxr (default) or unity.")
+        str, shown("NAME", "Axes of the poses: openxr (default) or unity.")
     ] = "openxr"
     time_unit: Annotated[
-        str | None, _shown("UNIT", "s, ms, us or ns (default: what the header says).")
+        str | None, shown("UNIT", "s, ms, us or ns (default: what the header says).")
     ] = None
     columns: Annotated[
         tuple[str, ...] | None,
-        _shown("NAME...", "Names of the columns, - for others, instead of a header."),
+        shown("NAME...", "Names of the columns, - for others, instead of a header."),
     ] = None
     max_speed: Annotated[
-        float, _shown("DEG/S", "RMS speed within 0.5 s that is still (default: 5).")
+        float, shown("DEG/S", "RMS speed within 0.5 s that is still (default: 5).")
     ] = 5.0
 
     def read(self, console: rich.console.Console) -> list[Trace]:
@@ -97,9 +94,9 @@ class Fit:
 
     recordings: _Recordings
     order: Annotated[
-        int | None, _shown("N", "Resonances per axis, 0 to 2 (default: as many as pay)")
+        int | None, shown("N", "Resonances per axis, 0 to 2 (default: as many as pay)")
     ] = None
-    out: Annotated[Path, _shown("TOML", "File for the model (default: head.toml).")] = (
+    out: Annotated[Path, shown("TOML", "File for the model (default: head.toml).")] = (
         Path("head.toml")
     )
 
@@ -110,10 +107,10 @@ class Describe:
 
     recordings: _Recordings
     model: Annotated[
-        str | None, _shown("NAME|TOML", "Head model to set beside them.")
+        str | None, shown("NAME|TOML", "Head model to set beside them.")
     ] = None
     out: Annotated[
-        Path, _shown("PNG", "File for the figure (default: describe.png).")
+        Path, shown("PNG", "File for the figure (default: describe.png).")
     ] = Path("describe.png")
 
 
@@ -121,11 +118,11 @@ class Describe:
 class Sample:
     """Draw a person's session from a head model: a trace, and a figure beside it."""
 
-    model: Annotated[str, _shown("NAME|TOML", f"Head model (default: {HEAD}).")] = HEAD
-    rate: Annotated[float, _shown("HZ", "Frame rate (default: 90).")] = 90.0
-    seconds: Annotated[float, _shown("S", "Duration, at least 4 (default: 60).")] = 60.0
-    seed: Annotated[int, _shown("N", "Seed of the draw (default: 0).")] = 0
-    out: Annotated[Path, _shown("CSV", "File for the trace (default: sample.csv).")] = (
+    model: Annotated[str, shown("NAME|TOML", f"Head model (default: {HEAD}).")] = HEAD
+    rate: Annotated[float, shown("HZ", "Frame rate (default: 90).")] = 90.0
+    seconds: Annotated[float, shown("S", "Duration, at least 4 (default: 60).")] = 60.0
+    seed: Annotated[int, shown("N", "Seed of the draw (default: 0).")] = 0
+    out: Annotated[Path, shown("CSV", "File for the trace (default: sample.csv).")] = (
         Path("sample.csv")
     )
 

@@ -11,6 +11,7 @@ import rich.console
 import tyro
 
 from . import _checks, techniques
+from .cli_options import Fov, Height, Seed, Width, shown
 from .studies import (
     choice,
     definition,
@@ -31,10 +32,6 @@ _CSV = Path("hmdjit-trade-off") / "trade_off.csv"
 _SESSIONS, _QUICK_SESSIONS = 48, 24
 
 
-def _shown(metavar: str, text: str) -> Any:
-    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
-
-
 @dataclasses.dataclass(frozen=True)
 class TradeOffCommand:
     """Measure seconds against error for every knob, on this machine.
@@ -46,42 +43,36 @@ class TradeOffCommand:
     """
 
     scene: Annotated[
-        str | None, _shown("NAME", f"One of the eleven scenes (default: {SCENE}).")
+        str | None, shown("NAME", f"One of the eleven scenes (default: {SCENE}).")
     ] = None
     images: Annotated[
-        Path | None, _shown("PATH", "A flat picture (PNG, JPEG) instead.")
+        Path | None, shown("PATH", "A flat picture (PNG, JPEG) instead.")
     ] = None
     head: Annotated[
         str | None,
-        _shown("NAME|TOML", f"Head model (default: {definition.HEAD})."),
+        shown("NAME|TOML", f"Head model (default: {definition.HEAD})."),
     ] = None
     technique: Annotated[
         tuple[str, ...],
-        _shown("ID...", f"Techniques to turn all knobs with (default: {TECHNIQUE})."),
+        shown("ID...", f"Techniques to turn all knobs with (default: {TECHNIQUE})."),
     ] = (TECHNIQUE,)
     sessions: Annotated[
         int | None,
-        _shown("N", f"Sessions of each setting (default: {_SESSIONS})."),
+        shown("N", f"Sessions of each setting (default: {_SESSIONS})."),
     ] = None
     seconds: Annotated[
-        float, _shown("S", "Time at which total errors are told (default: 10).")
+        float, shown("S", "Time at which total errors are told (default: 10).")
     ] = 10.0
     quick: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
-        _shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds."),
+        shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds."),
     ] = False
-    width: Annotated[
-        int | None, _shown("PX", "Width of the frame (default: 1024).")
-    ] = None
-    height: Annotated[
-        int | None, _shown("PX", "Height of the frame (default: 1024).")
-    ] = None
-    fov: Annotated[
-        float | None, _shown("DEG", "Horizontal field of view (default: 96).")
-    ] = None
-    seed: Annotated[int, _shown("N", "Seed of all random draws (default: 0).")] = 0
+    width: Width = None
+    height: Height = None
+    fov: Fov = None
+    seed: Seed = 0
     out: Annotated[
-        Path, _shown("DIR", f"Folder for what is written (default: {_CSV.parent}).")
+        Path, shown("DIR", f"Folder for what is written (default: {_CSV.parent}).")
     ] = _CSV.parent
 
 
@@ -94,14 +85,14 @@ class PickCommand:
 
     tolerance: Annotated[
         float | None,
-        _shown("SHARE", "Largest error of the mean MTCD, e.g. 0.02; in (0, 1)."),
+        shown("SHARE", "Largest error of the mean MTCD, e.g. 0.02; in (0, 1)."),
     ] = None
     budget: Annotated[
-        str | None, _shown("TIME", "Time for one scene, e.g. 10s or 2min.")
+        str | None, shown("TIME", "Time for one scene, e.g. 10s or 2min.")
     ] = None
     technique: Annotated[
         tuple[str, ...] | None,
-        _shown("ID...", "Techniques to choose for (default: those with all knobs)."),
+        shown("ID...", "Techniques to choose for (default: those with all knobs)."),
     ] = None
     table: Annotated[
         Path,

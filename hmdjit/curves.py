@@ -7,8 +7,6 @@ al. let head speed count by `Kim` (equation 4), colour difference by `Linear` (5
 import abc
 import itertools
 import math
-from collections.abc import Iterable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -109,10 +107,6 @@ class Cosine(AbstractCurve):
         return float(np.pi / 2 * np.sqrt(p) * (1 - 1 / p) ** ((p - 1) / 2))
 
 
-def _numbers(values: Iterable[Any]) -> tuple[Any, ...]:
-    return tuple(_checks.number(value) for value in values)
-
-
 class Spline(AbstractCurve):
     """Quadratic I-spline: any curve that does not fall, by how much it rises where.
 
@@ -128,7 +122,7 @@ class Spline(AbstractCurve):
     3(4), 1988, with M-splines of order 2.
     """
 
-    increments: tuple[Scalar, ...] = eqx.field(converter=_numbers)
+    increments: tuple[Scalar, ...] = eqx.field(converter=_checks.numbers)
 
     def __check_init__(self):
         if len(self.increments) < 3:

@@ -41,6 +41,7 @@ LINES = [
     ("studies",),
     ("curve_fitting", "envelope"),
     ("hmdjit",),  # the names that `import hmdjit` offers
+    ("cli_options",),
     ("cli_envelope", "cli_fit", "cli_head", "cli_trade_off"),
     ("cli",),
     ("__main__",),

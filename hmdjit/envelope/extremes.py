@@ -23,8 +23,8 @@ from ..simulation import simulate
 from ..sources import History
 from ..techniques import SSAA, HeadMovement
 from .heads import RATES_HZ, TIMES_S
-from .measuring import Bound, Run
-from .runs import Worst, poses_of, still_path, texture_of_noise
+from .measuring import Bound, Run, Worst
+from .runs import poses_of, still_path, texture_of_noise
 
 _Rng = np.random.Generator
 _Found = tuple[float, str]
@@ -83,7 +83,7 @@ def _pictures(rng: _Rng, size: tuple[int, int]) -> Iterator[tuple[str, np.ndarra
 
 def clip_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Count what is not finite among values and gradients of `apply`'s MTCD."""
-    worst: _Found = (0.0, "nowhere")
+    worst = Worst()
 
     @jax.jit
     @jax.value_and_grad
@@ -114,10 +114,9 @@ def clip_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
                         (technique, camera, frames, turn),
                     )
                     bad = bad_leaves(flicker(given))
-                    if bad > worst[0]:
-                        place = f"{size[1]} x {size[0]} px, {fov} deg, {turn!r} rad"
-                        worst = bad, f"{name} {n}: {said}, {place}"
-    return worst
+                    place = f"{size[1]} x {size[0]} px, {fov} deg, {turn!r} rad"
+                    worst.add(float(bad), f"{name} {n}: {said}, {place}")
+    return worst.found
 
 
 def hidden_holes(rng: _Rng, dtype: str, quick: bool) -> _Found:
@@ -125,7 +124,7 @@ def hidden_holes(rng: _Rng, dtype: str, quick: bool) -> _Found:
     camera = Camera(5, 4, 96.0, 60.0)
     color = jnp.asarray(rng.random((1, 3, 4, 5)), dtype)
     holes = jnp.full((3, 4, 5), jnp.nan, dtype)
-    worst: _Found = (0.0, "nowhere")
+    worst = Worst()
 
     @jax.jit
     @jax.value_and_grad
@@ -143,11 +142,10 @@ def hidden_holes(rng: _Rng, dtype: str, quick: bool) -> _Found:
             given = (technique, camera, increment)
             given = jax.tree.map(lambda x: jnp.asarray(x, dtype), given)
             bad = bad_leaves(brightness(given, holes))
-            if bad > worst[0]:
-                worst = float(bad), name
+            worst.add(float(bad), name)
         if quick:
             break
-    return worst
+    return worst.found
 
 
 def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
@@ -155,7 +153,7 @@ def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     display = Camera(24, 20, 12.0, 60.0)
     scene = scenes.power_law_noise(size=32)
     texture = scenes.bake(scene, display, oversampling=1, dtype=jnp.dtype(dtype))
-    worst: _Found = (0.0, "nowhere")
+    worst = Worst()
 
     @eqx.filter_jit
     def found(arguments: tuple, texture: Any, frames: int) -> Any:
@@ -178,14 +176,14 @@ def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
                     lambda x: jnp.asarray(x, dtype), (technique, display, turn)
                 )
                 bad = bad_leaves(found(given, texture, frames))
-                if bad > worst[0]:
-                    worst = float(bad), f"numbers {n}, {frames} frames, {turn!r} rad"
-    return worst
+                where = f"numbers {n}, {frames} frames, {turn!r} rad"
+                worst.add(float(bad), where)
+    return worst.found
 
 
 def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Count them of laws and of kurtosis: heads at rest, slow, stiff, resonant."""
-    worst: _Found = (0.0, "nowhere")
+    worst = Worst()
 
     @jax.jit
     @jax.value_and_grad
@@ -221,10 +219,9 @@ def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
             )
             bad = bad_leaves(laws(given))
             bad += bad_leaves(tails(jax.tree.map(cast, tailed)))
-            if bad > worst[0]:
-                said = f"times {time:g}, {back:g} s, speed {speed:g}, noise {noise:g}"
-                worst = float(bad), f"{said} at {rate:g} Hz"
-    return worst
+            said = f"times {time:g}, {back:g} s, speed {speed:g}, noise {noise:g}"
+            worst.add(float(bad), f"{said} at {rate:g} Hz")
+    return worst.found
 
 
 # --- holes ---

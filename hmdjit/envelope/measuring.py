@@ -194,7 +194,7 @@ def _of_case(
     values, *jacobians = _evaluated(case.function, found, wrt, quick)
     eps = float(np.finfo(number).eps)
     tiny = float(np.finfo(number).tiny)
-    worst = _Worst(), _Worst(), _Worst(), _Worst()
+    worst = Worst(), Worst(), Worst(), Worst()
     for n, arguments in enumerate(found):
         where = describe(arguments)
         exact_arguments = [_exact(x) for x in arguments]
@@ -243,13 +243,21 @@ def _of_case(
     )
 
 
-class _Worst:
+class Worst:
+    """The largest error so far, and where it occurs."""
+
     def __init__(self):
-        self.error, self.where = 0.0, ""
+        self.error, self.where = 0.0, "nowhere"
+
+    @property
+    def found(self) -> tuple[float, str]:
+        """Both, as a run returns them."""
+        return self.error, self.where
 
     def add(self, error: float, where: str) -> None:
-        error = math.inf if math.isnan(error) else error
-        if error > self.error or not self.where:
+        """Take in another error; one that is no number is infinite."""
+        error = math.inf if math.isnan(error) else float(error)
+        if error > self.error or self.where == "nowhere":
             self.error, self.where = error, where
 
 

@@ -22,24 +22,12 @@ from ..techniques import HeadMovement, NoAntialiasing
 from . import oracles as exact
 from .cases import ANGLES
 from .heads import RATES_HZ, TIMES_S
-from .measuring import Bound, Run
+from .measuring import Bound, Run, Worst
 
 _Rng = np.random.Generator
 mp = exact.mp
 _Found = tuple[float, str]
 _SINGLE = "float32"
-
-
-class Worst:
-    """The largest error so far, and where it occurs."""
-
-    def __init__(self):
-        self.found: _Found = (0.0, "nowhere")
-
-    def add(self, error: float, where: str) -> None:
-        """Take in another error; one that is no number is infinite."""
-        if not error <= self.found[0]:
-            self.found = (math.inf if math.isnan(error) else float(error), where)
 
 
 def _axis(rng: _Rng) -> np.ndarray:
@@ -56,12 +44,9 @@ def poses_of(turns: np.ndarray) -> np.ndarray:
 
 
 def _multiplied(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    rows = [left[0] * right, np.zeros_like(right)]
     w, v = right[:, :1], right[:, 1:]
-    rows = np.concatenate(
-        [-v @ left[1:, None], w * left[1:] + np.cross(left[1:], v)], 1
-    )
-    return left[0] * right + rows
+    rest = [-v @ left[1:, None], w * left[1:] + np.cross(left[1:], v)]
+    return left[0] * right + np.concatenate(rest, axis=1)
 
 
 # --- where the past is ---

@@ -20,12 +20,8 @@ from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")
 
 
-def _numbers(values) -> tuple:
-    return tuple(_checks.number(value) for value in values)
-
-
 def _optional_numbers(values) -> tuple | None:
-    return None if values is None else _numbers(values)
+    return None if values is None else _checks.numbers(values)
 
 
 class HeadMovement(AbstractTechnique):
@@ -51,7 +47,9 @@ class HeadMovement(AbstractTechnique):
     w_min: Scalar = eqx.field(converter=_checks.number, default=0.3)
     w_lb: Scalar = eqx.field(converter=_checks.number, default=0.1)
     h_max_deg_s: Scalar = eqx.field(converter=_checks.number, default=25.0)
-    closeness: tuple[Scalar, ...] = eqx.field(converter=_numbers, default=(2 / 3,))
+    closeness: tuple[Scalar, ...] = eqx.field(
+        converter=_checks.numbers, default=(2 / 3,)
+    )
     weights: tuple[Scalar, ...] | None = eqx.field(
         converter=_optional_numbers, default=None
     )
