@@ -53,6 +53,7 @@ def traces(tmp_path_factory):
     return [write_trace(folder / name, seed=i) for i, name in enumerate(names)]
 
 
+@pytest.mark.slow
 def test_fit_writes_a_model_that_can_be_read_and_drawn_from(traces, tmp_path, capsys):
     out = tmp_path / "made" / "me.toml"
     assert run("fit", *traces, "--order", 0, "--out", out) == 0
@@ -134,6 +135,7 @@ def test_a_description_sets_a_preset_beside_the_recordings(traces, tmp_path, cap
     assert out.exists()
 
 
+@pytest.mark.slow
 def test_axes_that_never_move_are_described(tmp_path, capsys):
     (tmp_path / "turning.toml").write_text(TURNING)
     drawn, seen = tmp_path / "drawn.csv", tmp_path / "seen.png"

@@ -71,6 +71,7 @@ def test_a_turn_is_quick_and_over_when_measuring_begins():
     np.testing.assert_allclose(moved, still, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_sessions_are_measured_as_studies_measure_them():
     space = CurveSpace("power")
     point = jnp.asarray(space.starts()[0], jnp.float32)
@@ -119,6 +120,7 @@ def at_bounds():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("numbers", "which", "inwards"),
     [
@@ -393,9 +395,10 @@ def test_a_fit_is_on_the_front_and_resumes(study, tmp_path):
     [
         ({"sessions": 8}, "sessions must be at least 16"),
         ({"measure": Tiles(2, 16)}, "one tile per session"),
-        (
+        pytest.param(
             {"scenes": {"grey": hj.scenes.checkerboard(dark=0.5, light=0.5)}},
             "there is no flicker to remove",
+            marks=pytest.mark.slow,
         ),
     ],
 )

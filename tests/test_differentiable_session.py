@@ -95,6 +95,7 @@ def value(measured):
     return quickly(measured)
 
 
+@pytest.mark.slow
 def test_derivatives_through_a_batch_are_those_of_the_fast_path_itself(both, value):
     fast, _ = both
     total = lambda vectors: jax.vmap(fast)(vectors).sum()

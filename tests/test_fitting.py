@@ -158,6 +158,7 @@ def test_heads_are_fitted_in_one_call(wander_traces, wander_fit):
     assert jax.tree.leaves(head) == jax.tree.leaves(wander_fit.head)
 
 
+@pytest.mark.slow
 def test_one_subject_has_errors_between_its_windows(wander_traces):
     one_person = [
         Trace(trace.t_s, trace.world_from_head, subject="one")

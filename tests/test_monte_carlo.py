@@ -216,6 +216,7 @@ def test_sessions_that_leave_the_margin_are_named_and_stop_the_study():
         study.run(seed=0)
 
 
+@pytest.mark.slow
 def test_replays_carry_their_subjects_and_their_rate():
     traces = []
     for i, subject in enumerate("ab"):
@@ -284,6 +285,7 @@ def test_memory_does_not_grow_with_sessions():
     assert after - before < 20_000
 
 
+@pytest.mark.slow
 def test_techniques_with_array_leaves_are_run(data):
     kim = hj.techniques.HeadMovement(w_min=jnp.asarray(0.3, jnp.float32))
     rows = [hj.techniques.NoAntialiasing(), kim]

@@ -17,6 +17,7 @@ def test_two_lines_do_all_the_set_up():
     assert [block.count("\n") for block in _blocks("sh")] == [1, 1]
 
 
+@pytest.mark.slow
 def test_the_example_of_the_interface_runs_as_printed(capsys):
     (example,) = _blocks("python")
     assert len([line for line in example.splitlines() if line]) <= 14

@@ -128,6 +128,7 @@ def test_each_derivative_agrees_with_central_differences_and_forward_mode():
     np.testing.assert_allclose(found.derivative, forward, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_differences_along_a_direction_agree(many):
     # All numbers but the refresh rate at once; the law of time ties that to the others.
     rng = np.random.default_rng(5)
@@ -149,6 +150,7 @@ def test_differences_along_a_direction_agree(many):
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_no_unit_of_time_is_special(many):
     # With all times c times as long, all rates and speeds 1 / c times as large, every
     # session is the same: the derivatives along that direction are 0, of each session.
@@ -171,6 +173,7 @@ def test_no_unit_of_time_is_special(many):
         assert np.abs(along @ np.abs(power)).max() > 0.1 * size
 
 
+@pytest.mark.slow
 def test_intervals_are_as_wide_as_estimates_scatter(many):
     groups = [of_sessions(many.select(slice(i, i + 32))) for i in range(0, 512, 32)]
     moves = np.array([sign != "0" for sign in groups[0].signs])
@@ -187,6 +190,7 @@ def test_intervals_are_as_wide_as_estimates_scatter(many):
     assert (np.abs(difference) < 4.5 * error).all()
 
 
+@pytest.mark.slow
 def test_signs_say_which_intervals_leave_out_0(many):
     found = of_sessions(many)
     for row in found.rows():
@@ -200,11 +204,13 @@ def test_signs_say_which_intervals_leave_out_0(many):
     np.testing.assert_allclose(width, 2 * Z95 * found.standard_error, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_baseline_does_not_depend_on_the_technique(many):
     for name, column in zip(many.names, many.dy.T, strict=True):
         assert (column == 0).all() == name.startswith("technique.")
 
 
+@pytest.mark.slow
 def test_what_has_no_influence_has_the_derivative_0(many):
     found = of_sessions(many)
     at = found.names.index("technique.weights[0]")
@@ -286,6 +292,7 @@ def test_tiles_measure_what_a_study_measures():
     np.testing.assert_allclose(found.x, study.mtcd, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_other_numbers_do_not_compile_anew(many, monkeypatch):
     traced = []
     of_session = derivatives.session
@@ -295,6 +302,7 @@ def test_other_numbers_do_not_compile_anew(many, monkeypatch):
     assert not traced
 
 
+@pytest.mark.slow
 def test_tables_name_every_parameter(many, tmp_path):
     found = of_sessions(many)
     with open(sensitivity.write_csv(found, tmp_path / "found.csv")) as file:
@@ -330,6 +338,7 @@ def test_what_cannot_be_is_refused(untyped, change, message):
         sensitivity.sensitivities(**options)
 
 
+@pytest.mark.slow
 def test_heads_that_leave_the_margin_are_reported(many):
     fast = heads.models(person_sd=0.2, scale=1e4)["A"]
     with pytest.raises(FailedSessionsError, match="512 of 512 sessions gave no finite"):

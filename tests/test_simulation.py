@@ -80,7 +80,11 @@ def simulated(technique, texture, poses, **options):
 
 @pytest.mark.parametrize(
     ("technique", "warmup"),
-    [(SSAA(2), 3), (HeadMovement(w_min=0.2), 0), (HeadMovement(w_min=0.2), 3)],
+    [
+        pytest.param(SSAA(2), 3, marks=pytest.mark.slow),
+        (HeadMovement(w_min=0.2), 0),
+        (HeadMovement(w_min=0.2), 3),
+    ],
     ids=["ssaa2, warm", "head_movement", "head_movement, warm"],
 )
 def test_a_session_measures_what_apply_displays(rng, technique, warmup):
@@ -219,6 +223,7 @@ def test_what_does_not_remember_does_not_run_its_warm_up(rng):
 # --- exact relations between techniques ---
 
 
+@pytest.mark.slow
 def test_on_a_picture_multisampling_changes_nothing(rng):
     texture, poses = texture_of(rng, dtype=jnp.float32), path(rng).astype(np.float32)
     for plain, multisampled in [
@@ -828,6 +833,7 @@ def test_gradients_reach_the_camera_too(rng):
     assert np.isfinite(jax.grad(wider)(float(CAMERA.fov_deg)))
 
 
+@pytest.mark.slow
 def test_samples_that_are_all_fully_past_count_alike(rng):
     texture, poses = texture_of(rng), path(rng)
     twice = hj.simulate(texture, CAMERA, HeadMovement(closeness=(0.0, 0.0)), poses)

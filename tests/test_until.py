@@ -118,6 +118,7 @@ def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
         np.testing.assert_array_equal(ours, other)
 
 
+@pytest.mark.slow
 def test_a_budget_ends_in_time_and_says_what_is_known_then():
     dataset = study().run(6, budget_s=6.0)
     assert float(dataset["seconds"].sum()) < 6.0 + 30.0  # compiling and the pilot
@@ -276,6 +277,7 @@ def test_a_run_goes_on_if_it_varies_after_all(untyped, sparse):
     assert cell.estimate(0).value == (1 / 256 if sparse else 0.0)
 
 
+@pytest.mark.slow
 def test_a_budget_is_not_spent_on_what_never_varies():
     frozen = hj.Study(
         scenes={"noise": hj.scenes.power_law_noise()},

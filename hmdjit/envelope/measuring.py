@@ -104,6 +104,7 @@ class Row(NamedTuple):
       none, infinite where one is not a number.
     - `worst`, `worst_gradient`: the inputs that give them.
     - `inputs`: how many were tried.
+    - `seed`: of the inputs.
     """
 
     name: str
@@ -119,6 +120,7 @@ class Row(NamedTuple):
     worst: str
     worst_gradient: str
     inputs: int
+    seed: int = 0
 
     @property
     def holds(self) -> bool:
@@ -157,6 +159,7 @@ def measure(
                     row = _of_run(entry, rng, dtype, bound, quick)
                 else:
                     row = _of_case(entry, rng, dtype, bound, quick)
+                row = row._replace(seed=seed)
                 rows.append(row)
                 progress(row)
     return rows
@@ -197,13 +200,13 @@ def _of_case(
     worst = Worst(), Worst(), Worst(), Worst()
     for n, arguments in enumerate(found):
         where = describe(arguments)
-        exact_arguments = [_exact(x) for x in arguments]
+        exact_arguments = [exact_numbers(x) for x in arguments]
         answer = list(case.oracle(*exact_arguments))
         ours = np.ravel(values[n])
         has_kink = case.has_kink is not None and case.has_kink(*arguments)
         size = max((abs(x) for x in answer if mp.isfinite(x)), default=mp.mpf(0))
         scale = max(size, mp.mpf(case.floor), mp.mpf(tiny) / eps)
-        absolute = _distance(ours, answer)
+        absolute = distance(ours, answer)
         relative = float(absolute / scale) if absolute else 0.0
         absolute = float(absolute)
         judged = relative / eps if case.unit == "eps" else absolute
@@ -224,7 +227,7 @@ def _of_case(
             floor = case.slope_floor * float(scale) / max(unit, tiny) if unit else 0.0
             divisor = max(largest, mp.mpf(floor), mp.mpf(tiny) / eps)
             for slope in slopes:
-                error = _distance(np.ravel(slope), exact) / divisor
+                error = distance(np.ravel(slope), exact) / divisor
                 worst[3].add(float(error) / eps, f"{where}; by argument {i}")
     return Row(
         case.name,
@@ -280,7 +283,7 @@ def _evaluated(
     return jax.tree.map(lambda x: np.asarray(x, np.float64), all_of(*batch))
 
 
-def _exact(argument: np.ndarray) -> np.ndarray:
+def exact_numbers(argument: np.ndarray) -> np.ndarray:
     """Exactly the same numbers in mpmath; whole numbers stay as they are."""
     if not np.issubdtype(argument.dtype, np.floating):
         return argument
@@ -288,7 +291,7 @@ def _exact(argument: np.ndarray) -> np.ndarray:
     return np.array([*numbers, None], object)[:-1].reshape(argument.shape)
 
 
-def _distance(ours: np.ndarray, exact: Exact) -> Any:
+def distance(ours: np.ndarray, exact: Exact) -> Any:
     """Largest difference; infinite where ours is not finite and the answer is."""
     worst = mp.mpf(0)
     for x, y in zip(ours.tolist(), exact, strict=True):
@@ -327,8 +330,7 @@ def describe(arguments: Inputs) -> str:
     """Write inputs so that they can be typed in again."""
     texts = []
     for x in arguments:
-        numbers = ", ".join(f"{v!r}" for v in np.ravel(x).tolist()[:9])
-        numbers += ", ..." if x.size > 9 else ""
+        numbers = ", ".join(map(repr, np.ravel(x).tolist()))
         texts.append(numbers if x.ndim == 0 else f"[{numbers}]")
     return " ".join(texts)
 

@@ -21,7 +21,7 @@ from ..frame import rebased_motion
 from ..studies import drawing
 from . import cases, extremes, heads, pictures, runs
 from . import oracles as exact
-from .measuring import DIGITS, Case, Row, Run, measure
+from .measuring import DIGITS, Case, Row, Run, distance, exact_numbers, measure
 
 _OURS, _OTHER, _THIRD = "#0072B2", "#D55E00", "#009E73"
 _LOWEST, _HIGHEST = 1e-12, 10.0  # what is drawn; answers that are wrong are 1
@@ -113,18 +113,9 @@ def _errors(
     found = np.asarray(jax.jit(jax.vmap(function))(*columns), float)
     errors = []
     for ours, arguments in zip(found, inputs, strict=True):
-        numbers = [
-            np.array([*map(mp.mpf, np.ravel(x).tolist()), None], object)[:-1].reshape(
-                np.shape(x)
-            )
-            for x in arguments
-        ]
-        answer = oracle(*numbers)
+        answer = oracle(*map(exact_numbers, arguments))
         size = max(abs(x) for x in answer)
-        gap = max(
-            abs(mp.mpf(a) - b) for a, b in zip(ours.tolist(), answer, strict=True)
-        )
-        errors.append(float(gap / size))
+        errors.append(float(distance(ours, answer) / size))
     return errors
 
 
