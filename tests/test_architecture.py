@@ -89,8 +89,7 @@ FOLDERS = {
         ("reproductions",),
     ],
     "envelope": [
-        ("measuring",),
-        ("oracles",),
+        ("measuring", "oracles", "poses"),
         ("cases",),
         ("heads", "pictures"),
         ("runs",),

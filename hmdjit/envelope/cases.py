@@ -17,14 +17,15 @@ from ..camera import Camera, Region
 from ..frame import Displacement
 from . import oracles as exact
 from .measuring import DTYPES, Bound, Case, Inputs
+from .poses import IDENTITY, poses_of, product, unit
 
 _Rng = np.random.Generator
 
 ANGLES = (
-    *(0.0, 1e-30, 1e-20, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2),
-    *(0.1, 1.0, 2.0, 3.0, math.pi - 1e-3, math.pi - 1e-6, math.pi),
+    *(0.0, 5e-310, 1e-40, 1e-30, 1e-20, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 3e-4),
+    *(1e-3, 1e-2, 0.1, 1.0, 2.0, 3.0, math.pi - 1e-3, math.pi - 1e-6, math.pi),
 )
-"""Rotations, rad: none, below all squares, jitter, and to half a turn."""
+"""Rotations, rad: none, denormals, below all squares, jitter, and to half a turn."""
 
 FRACTIONS = (0.0, 1.0, 0.5, 1 / 3, 1e-6, 1 - 1e-6, -1.0, 2.0)
 
@@ -38,8 +39,7 @@ def _axes(rng: _Rng) -> Iterator[np.ndarray]:
     while True:
         yield from np.eye(3)
         for _ in range(6):
-            axis = rng.normal(size=3)
-            yield axis / np.linalg.norm(axis)
+            yield unit(rng.normal(size=3))
 
 
 def _angles(rng: _Rng, drawn: int = 30, low: float = -30.0) -> list[float]:
@@ -53,25 +53,10 @@ def _turns(rng: _Rng, dtype: np.dtype, *, most: float = math.pi) -> Iterator[Inp
             yield (np.asarray(angle * axis, dtype),)
 
 
-def _half(angle: float, axis: np.ndarray) -> np.ndarray:
-    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
-
-
-def _random_unit(rng: _Rng) -> np.ndarray:
-    q = rng.normal(size=4)
-    return q / np.linalg.norm(q)
-
-
-def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Hamilton product of two quaternions, in NumPy."""
-    vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
-    return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
-
-
 def _near_identity(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
     """Quaternions of every angle, of both signs, and of lengths off 1 by up to 1 %."""
     for n, (angle, axis) in enumerate(zip(_angles(rng), _axes(rng), strict=False)):
-        q = (-1) ** n * _half(angle, axis) * (1 + 0.01 * (n % 3 - 1))
+        q = (-1) ** n * poses_of(angle * axis) * (1 + 0.01 * (n % 3 - 1))
         yield (np.asarray(q, dtype),)
 
 
@@ -85,9 +70,9 @@ def _pairs(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
         if angle > math.pi - 1e-5:
             continue  # both ways round are equally long: see test_quaternion.py
         # From the identity small angles have all digits.
-        start = np.array([1.0, 0, 0, 0]) if n % 2 else _random_unit(rng)
+        start = IDENTITY if n % 2 else unit(rng.normal(size=4))
         start = np.asarray(start, dtype).astype(float)
-        end = (-1) ** (n // 2) * product(start, _half(angle, axis))
+        end = (-1) ** (n // 2) * product(start, poses_of(angle * axis))
         yield np.asarray(start, dtype), np.asarray(end, dtype)
 
 
@@ -100,13 +85,9 @@ def _slerps(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
 def _paths(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
     for angle in _angles(rng, 12):
         if angle < 1:
-            turns = angle * rng.normal(size=(3, 3))
-            poses = [_half(float(np.linalg.norm(t)), _unit(t)) for t in turns]
-            yield (np.asarray([[1.0, 0, 0, 0], *poses], dtype),)
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / (np.linalg.norm(vector) or 1.0)
+            turns = angle * rng.normal(size=(4, 3))
+            turns[0] = 0.0
+            yield (np.asarray(poses_of(turns), dtype),)
 
 
 def _vectors(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
@@ -117,7 +98,7 @@ def _vectors(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
 
 def quaternions() -> list[Case]:
     """Rotations from 1e-30 rad to half a turn."""
-    full = "0, 1e-30 to pi rad"
+    full = "0, denormals, 1e-30 to pi rad"
     poses = f"{full} apart, q and -q"
     return [
         Case("quaternion.exp", full, quaternion.exp, exact.exp, _turns, eps(4, 8)),
@@ -231,7 +212,7 @@ def _far_views(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
     """Draw views turned by 1 rad to half a turn, axes in and off the image plane."""
     angles = [*(a for a in ANGLES if a > 1), *rng.uniform(1, math.pi, 43)]
     for n, (angle, axis) in enumerate(zip(angles, _axes(rng), strict=False)):
-        axis = _unit(axis * [1, 1, (1, 0.03)[n // 3 % 2]])
+        axis = unit(axis * [1, 1, (1, 0.03)[n // 3 % 2]])
         fov = _FOVS[n % len(_FOVS)]
         yield np.asarray(fov, dtype), np.asarray(angle * axis, dtype)
 
@@ -257,7 +238,7 @@ def _rays(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
 def _grazes(fov: np.ndarray, rotation: np.ndarray, x: Any, y: Any) -> bool:
     """Whether a ray nearly turns into the image plane, and projects to infinity."""
     x, y, z = (float(v) for v in _PINHOLE.ray(fov.astype(object), float(x), float(y)))
-    q = _half(float(np.linalg.norm(rotation)), _unit(np.asarray(rotation, float)))
+    q = poses_of(np.asarray(rotation, float))
     depth = -float(exact.rotate(q, [x, y, z])[2])
     return depth < 1e-2 * math.sqrt(x * x + y * y + z * z)
 

@@ -24,7 +24,8 @@ from ..sources import History
 from ..techniques import SSAA, HeadMovement
 from .heads import RATES_HZ, TIMES_S
 from .measuring import Bound, Run, Worst
-from .runs import poses_of, still_path, texture_of_noise
+from .poses import poses_of
+from .runs import still_path, texture_of_noise
 
 _Rng = np.random.Generator
 _Found = tuple[float, str]

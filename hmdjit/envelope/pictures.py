@@ -17,7 +17,7 @@ _Rng = np.random.Generator
 
 
 COLOURS = (
-    *(0.0, 1e-30, 1e-8, 1e-3, 0.0031308, 0.04045, 0.04, 0.05, 0.5),
+    *(0.0, 5e-310, 1e-40, 1e-30, 1e-8, 1e-3, 0.0031308, 0.04045, 0.04, 0.05, 0.5),
     *(1 - 1e-6, 1.0, 2.0, 1e3, 1e6, -1e-3),
 )
 """Black, far below a code value, the curve's joints, white, and high dynamic range."""
@@ -102,7 +102,7 @@ def _pasts(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
 
 def colours() -> list[Case]:
     """Colours from 1e-30 to 1e6 (HDR), weights from 0 to 1, speeds to 1e25 deg/s."""
-    hdr, shown = "0, 1e-30 to 1e6", "0 to 1"
+    hdr, shown = "0, denormals, 1e-30 to 1e6", "0 to 1"
     # What is smaller squares to 0 in float32.
     dark = {"floor": 1e-17, "has_kink": _equal}
     same = {"euclidean": exact.euclidean_difference}

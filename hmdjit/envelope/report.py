@@ -22,6 +22,7 @@ from ..studies import drawing
 from . import cases, extremes, heads, pictures, runs
 from . import oracles as exact
 from .measuring import DIGITS, Case, Row, Run, distance, exact_numbers, measure
+from .poses import IDENTITY, poses_of, product, unit
 
 _OURS, _OTHER, _THIRD = "#0072B2", "#D55E00", "#009E73"
 _LOWEST, _HIGHEST = 1e-12, 10.0  # what is drawn; answers that are wrong are 1
@@ -161,12 +162,7 @@ def draw(seed: int = 0, points: int = 121) -> Figure:
 
 
 def _about(rng: np.random.Generator, angles: np.ndarray) -> list[np.ndarray]:
-    axes = rng.normal(size=(len(angles), 3))
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    return [
-        np.array([math.cos(a / 2), *(math.sin(a / 2) * axis)])
-        for a, axis in zip(angles, axes, strict=True)
-    ]
+    return [*poses_of(angles[:, None] * unit(rng.normal(size=(len(angles), 3))))]
 
 
 _Panel = tuple[str, str, dict[str, list[float]]]
@@ -184,8 +180,8 @@ def _logs(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
 def _increments(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
     """Between two poses anywhere, against the turn before they were rounded."""
     turns = _about(rng, angles)
-    holds = [q / np.linalg.norm(q) for q in rng.normal(size=(len(turns), 4))]
-    ends = [cases.product(hold, q) for hold, q in zip(holds, turns, strict=True)]
+    holds = unit(rng.normal(size=(len(turns), 4)))
+    ends = product(holds, np.stack(turns))
     ours, two, acos = [], [], []
     jitted = jax.jit(_two_pose_log)
     for turn, hold, end in zip(turns, holds, ends, strict=True):
@@ -193,14 +189,14 @@ def _increments(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
         size = np.max(np.abs(truth))
         pair = [jnp.asarray(q, jnp.float32) for q in (hold, end)]
         # Near the identity a float64 pose is the turn itself: no digit is lost there.
-        near = rebased_motion(np.stack([[1.0, 0, 0, 0], turn]), jnp.float32)
+        near = rebased_motion(np.stack([IDENTITY, turn]), jnp.float32)
         gap = lambda found, t=truth, s=size: float(
             np.max(np.abs(np.asarray(found, float) - t)) / s
         )
         ours.append(gap(near.increment[1]))
         two.append(gap(jitted(*pair)))
-        product = quaternion.multiply(quaternion.conjugate(pair[0]), pair[1])
-        acos.append(gap(_textbook_log(product)))
+        turned = quaternion.multiply(quaternion.conjugate(pair[0]), pair[1])
+        acos.append(gap(_textbook_log(turned)))
     curves = {
         "rebased in float64, quaternion.increments": ours,
         "two float32 poses, atan2": two,
@@ -242,20 +238,19 @@ def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
         "two float32 poses, acos": [],
     }
     for turn in _about(rng, np.minimum(angles, 0.3)):
-        hold = rng.normal(size=4)
-        hold /= np.linalg.norm(hold)
-        poses = np.stack([hold, cases.product(hold, turn)])
+        hold = unit(rng.normal(size=4))
+        poses = product(hold, np.stack([IDENTITY, turn]))
         exact_poses = [np.array([mp.mpf(x) for x in q], object) for q in poses]
         rotation = exact.log(exact.relative(*exact_poses))
         truth = np.array(
             [float(x) for x in oracle.displacement(fov, rotation, *corner)]
         )
         pair = jnp.asarray(poses, jnp.float32)
-        product = quaternion.multiply(quaternion.conjugate(pair[0]), pair[1])
+        turned = quaternion.multiply(quaternion.conjugate(pair[0]), pair[1])
         rotations = (
             rebased_motion(poses, jnp.float32).increment[1],
-            quaternion.log(product),
-            _textbook_log(product),
+            quaternion.log(turned),
+            _textbook_log(turned),
         )
         for errors, rotation in zip(curves.values(), rotations, strict=True):
             gap = np.abs(np.asarray(moved(rotation), float) - truth)

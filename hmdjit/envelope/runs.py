@@ -23,30 +23,12 @@ from . import oracles as exact
 from .cases import ANGLES
 from .heads import RATES_HZ, TIMES_S
 from .measuring import Bound, Run, Worst
+from .poses import IDENTITY, poses_of, product, unit
 
 _Rng = np.random.Generator
 mp = exact.mp
 _Found = tuple[float, str]
 _SINGLE = "float32"
-
-
-def _axis(rng: _Rng) -> np.ndarray:
-    axis = rng.normal(size=3)
-    return axis / np.linalg.norm(axis)
-
-
-def poses_of(turns: np.ndarray) -> np.ndarray:
-    """Float64 quaternions of rotation vectors `(frames, 3)`."""
-    angle = np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.concatenate(
-        [np.cos(angle / 2), np.sinc(angle / 2 / np.pi) * turns / 2], 1
-    )
-
-
-def _multiplied(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    w, v = right[:, :1], right[:, 1:]
-    rest = [-v @ left[1:, None], w * left[1:] + np.cross(left[1:], v)]
-    return left[0] * right + np.concatenate(rest, axis=1)
 
 
 # --- where the past is ---
@@ -66,15 +48,11 @@ def past_samples(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
     worst = Worst()
     for n in range(15 if quick else 120):
-        hold = rng.normal(size=4)
-        hold /= np.linalg.norm(hold)
+        hold = unit(rng.normal(size=4))
         size = 10 ** rng.uniform(-7, -1)
-        away = 0.35 * rng.random() * _axis(rng)
-        turns = poses_of(np.stack([0 * away, away]))
-        turns = np.concatenate(
-            [turns, _multiplied(turns[1], poses_of(size * _axis(rng)[None]))]
-        )
-        poses = _multiplied(hold, turns)
+        away = poses_of(0.35 * rng.random() * unit(rng.normal(size=3)))
+        turned = product(away, poses_of(size * unit(rng.normal(size=3))))
+        poses = product(hold, np.stack([IDENTITY, away, turned]))
         increment = rebased_motion(poses, dtype).increment[2]
         numbers = [np.array([mp.mpf(x) for x in pose], object) for pose in poses[1:]]
         turn = exact.log(exact.relative(*numbers))
@@ -106,7 +84,10 @@ def ranges(rng: _Rng, dtype: str, quick: bool) -> _Found:
         return span, jnp.stack(moved[:2]), moved[2]
 
     for n, angle in enumerate(angles[:: 1 + quick]):
-        fov, rotation = (0.1, 16.0, 96.0, 170.0)[n % 4], angle * _axis(rng)
+        fov, rotation = (
+            (0.1, 16.0, 96.0, 170.0)[n % 4],
+            angle * unit(rng.normal(size=3)),
+        )
         span, moved, in_front = map(
             np.asarray, both(*(jnp.asarray(x, dtype) for x in (fov, rotation)))
         )
@@ -192,6 +173,21 @@ def after_warmup(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return float(abs(ours / oracle - 1)), f"{warmup} frames of warm-up"
 
 
+def memory(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Bytes that a session works with, per frame, beyond the path that it is given."""
+    del rng, quick
+    display, texture = texture_of_noise()
+    texture = jax.tree.map(lambda x: x.astype(dtype), texture)
+    region = Region(16, 16, 12, 12)
+    sizes = []
+    for frames in (1_000, 100_000):
+        motion = Motion(*[jnp.zeros((frames, 3), dtype)] * 2)
+        given = (texture, display, HeadMovement(), motion, region, region)
+        compiled = _session(0).lower(*given).compile()
+        sizes.append(compiled.memory_analysis().temp_size_in_bytes)
+    return (sizes[1] - sizes[0]) / 99_000, f"{sizes[1]} bytes for 100000 frames"
+
+
 def recursion(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Drift of a still scene's mean over 1e5 blends, against its own, relative."""
     frames = 5_000 if quick else 100_000
@@ -263,7 +259,7 @@ def baking(rng: _Rng, dtype: str, quick: bool) -> _Found:
 def drawn_heads(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Poses that are no unit quaternions, at all rates and times."""
     worst = Worst()
-    for frames in (1, 2, 50):
+    for frames in (1, 2, 50) if quick else (1, 2, 50, 100_000):
         draw = jax.jit(
             lambda key, head, rate, frames=frames: head.sample(
                 key, rate, frames, dtype=dtype
@@ -276,7 +272,7 @@ def drawn_heads(rng: _Rng, dtype: str, quick: bool) -> _Found:
             poses = np.asarray(draw(key, head, numbers[2]), float)
             bad = np.sum(~(np.abs(np.linalg.norm(poses, axis=1) - 1) < 1e-5))
             worst.add(float(bad), f"times {time:g}, {back:g} s at {rate:g} Hz")
-            if quick and n > 10:
+            if n > 10 and (quick or frames > 50):
                 break
     return worst.found
 
@@ -324,6 +320,15 @@ def runs() -> list[Run]:
         # Sums that are not compensated err by 2e-6.
         Run("simulate", half_hour, long_session, _one(3e-7), "relative"),
         Run(
+            "simulate, memory",
+            f"1e3 to {half_hour}",
+            memory,
+            # A few vectors per frame; a picture that were kept would have 1,728.
+            _one(256.0),
+            "bytes per frame",
+            is_slow=True,
+        ),
+        Run(
             "simulate, warm-up",
             "1e5 frames of warm-up, 2 measured",
             after_warmup,
@@ -357,7 +362,7 @@ def runs() -> list[Run]:
         ),
         Run(
             "HeadMotion.sample",
-            "1 to 10,000 Hz, times 1e-6 to 1e6 s, 1 to 50 frames",
+            "1 to 10,000 Hz, times 1e-6 to 1e6 s, 1 to 1e5 frames",
             drawn_heads,
             none,
             "poses",
