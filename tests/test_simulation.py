@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.spatial.transform import Rotation
 
 import hmdjit as hj
-from hmdjit import clips, rendering, session
+from hmdjit import rendering, session
 from hmdjit.camera import displacement_range
 from hmdjit.curves import Cosine, Spline
 from hmdjit.frame import GATHER
@@ -465,91 +465,10 @@ def test_what_is_no_session_is_refused(rng, untyped, poses, warmup, message):
         hj.simulate(texture, CAMERA, NoAntialiasing(), poses, warmup=warmup)
 
 
-# --- apply and stream ---
-
-
-@pytest.mark.parametrize(
-    ("shape", "poses", "technique", "message"),
-    [
-        (
-            (8, 9, 9, 3),
-            STILL,
-            "none",
-            r"^frames must have the camera's size \(18, 24, 3\)",
-        ),
-        (
-            (8, 18, 24, 4),
-            STILL,
-            "none",
-            r"^frames must .*, got shape \(8, 18, 24, 4\).$",
-        ),
-        ((18, 24, 3), STILL, "none", r"^frames must .*, got shape \(18, 24, 3\).$"),
-        (
-            (7, 18, 24, 3),
-            STILL,
-            "none",
-            r"^poses must have one row per frame \(7\), got 8",
-        ),
-        (
-            (8, 18, 24, 3),
-            STILL,
-            "ssaa2",
-            r"^frames must have 4 samples per pixel for ssaa2",
-        ),
-        ((8, 2, 18, 24, 3), STILL, "none", r"^frames must have 1 samples .* got 2.$"),
-        (
-            (8, 18, 24, 3),
-            3 * STILL,
-            "none",
-            r"^poses\[0\] must have a length in .* got 3.$",
-        ),
-        (
-            (8, 18, 24, 3),
-            STILL[:, 1:],
-            "none",
-            r"^poses must have the shape \(frames, 4\)",
-        ),
-    ],
-)
-def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, message):
-    technique = hj.techniques.by_id(technique)
-    with pytest.raises(ValueError, match=message) as error:
-        hj.apply(technique, CAMERA, np.zeros(shape), poses)
-    assert "\n" not in str(error.value)
-
-
-def test_frames_of_whole_numbers_are_refused(untyped):
-    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
-    with pytest.raises(
-        ValueError, match=r"^frames must be floats in \[0, 1\], got uint8"
-    ):
-        hj.apply(NoAntialiasing(), CAMERA, jnp.asarray(frames), STILL)
-
-
-@pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])
-def test_a_mask_that_does_not_fit_is_refused(untyped, shape):
-    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3))
-    mask = np.ones(shape, bool)
-    message = r"^static_mask must have the shape \(8, 18, 24\), got \("
-    with pytest.raises(ValueError, match=message):
-        hj.apply(HeadMovement(), CAMERA, frames, STILL, static_mask=mask)
-
-
-@pytest.mark.parametrize("technique", [HeadMovement(), Freeze()], ids=lambda t: t.id)
-def test_a_stream_shows_what_a_clip_shows(rng, technique):
-    frames = rng.random((FRAMES, HEIGHT, WIDTH, 3)).astype(np.float32)
-    poses = path(rng)
-    expected = hj.apply(technique, CAMERA, jnp.asarray(frames), poses)
-    ours = list(clips.stream(technique, CAMERA, iter(frames), poses))
-    assert len(ours) == FRAMES
-    # One program and another may fuse differently: an ulp per step, which fades.
-    np.testing.assert_allclose(np.stack(ours), expected, rtol=0, atol=3e-7)
-
-
-def test_a_stream_of_one_sample_per_pixel_cannot_be_resolved(rng):
-    message = "^frames must have 4 samples per pixel for ssaa2, got 1.$"
-    with pytest.raises(ValueError, match=message):
-        next(clips.stream(SSAA(2), CAMERA, iter([]), STILL))
+def test_a_texture_of_another_camera_is_refused(rng):
+    other = hj.Camera(CAMERA.width_px + 8, CAMERA.height_px, CAMERA.fov_deg, 60.0)
+    with pytest.raises(ValueError, match="scene must be a texture baked for this"):
+        hj.simulate(texture_of(rng), other, HeadMovement(), path(rng))
 
 
 # --- derivatives ---
@@ -675,144 +594,6 @@ def test_batches_and_gradients_commute(rng):
     jax.tree.map(close, batch, stacked)
     jax.tree.map(lambda a, b: close(a.sum(0), b), batch[0], of_numbers)
     close(batch[1], of_paths)
-
-
-# --- small motion ---
-
-# MTCD with the technique over MTCD without, d = 2/3, ten frames: history starts at
-# frame 0, and after a long warm-up. The rows: how the head moves from frame to frame.
-SHARES = (0.1, 0.2, 0.3)
-SMALL_MOTION = {
-    "position white": [(0.376, 0.371), (0.425, 0.418), (0.479, 0.470)],
-    "white": [(0.412, 0.423), (0.490, 0.499), (0.561, 0.568)],
-    "ou 0.5": [(0.463, 0.504), (0.572, 0.612), (0.658, 0.692)],
-    "ou 0.8": [(0.525, 0.643), (0.658, 0.764), (0.749, 0.832)],
-}
-LONG_WARMUP = 60  # 0.9^60 is 0.002
-
-
-def autocovariance(law, lags):
-    """Of the increments, relative to their variance, at lags 0, 1, ..."""
-    if law == "position white":
-        return np.where(lags == 0, 1.0, np.where(lags == 1, -0.5, 0.0))
-    rho = float(law.removeprefix("ou ")) if law.startswith("ou") else 0.0
-    return rho**lags
-
-
-def draw(rng, law, sessions, frames):
-    """Increments of unit variance from their stationary law, `(sessions, frames)`."""
-    if law == "position white":
-        return np.diff(rng.normal(size=(sessions, frames + 1))) / np.sqrt(2)
-    rho = autocovariance(law, np.array([1]))[0]
-    noise = rng.normal(size=(sessions, frames))
-    increments = [noise[:, 0]]
-    for k in range(1, frames):
-        increments.append(rho * increments[-1] + np.sqrt(1 - rho**2) * noise[:, k])
-    return np.stack(increments, axis=1)
-
-
-def predicted_ratio(law, share, warmup, d=2 / 3):
-    """First order: the picture moves by the increments, filtered by g_n.
-
-    g_0 = (1 - d) + d A, g_n = d A (1 - A)^n, cut off where the session starts.
-    """
-    total = 0.0
-    for k in range(warmup + 1, warmup + 10):
-        n = np.arange(k)
-        g = d * share * (1 - share) ** n + (1 - d) * (n == 0)
-        total += np.sqrt(g @ autocovariance(law, abs(n[:, None] - n)) @ g)
-    return total / 9
-
-
-@pytest.mark.parametrize("law", SMALL_MOTION)
-def test_predicted_ratios_are_the_tabled_ones(law):
-    for share, tabled in zip(SHARES, SMALL_MOTION[law], strict=True):
-        ours = [predicted_ratio(law, share, warmup) for warmup in (0, LONG_WARMUP)]
-        np.testing.assert_allclose(ours, tabled, rtol=0, atol=0.001)
-
-
-def test_predicted_ratios_obey_the_closed_forms():
-    d = 2 / 3
-    for a in SHARES:
-        rest = 1 - a
-        k = np.arange(1, 10)
-        by_frame = (1 - d) ** 2 + 2 * d * (1 - d) * a
-        by_frame = by_frame + d**2 * a * (1 - rest ** (2 * k)) / (2 - a)
-        np.testing.assert_allclose(
-            predicted_ratio("white", a, 0), np.sqrt(by_frame).mean(), rtol=1e-12
-        )
-        for law, rho in [("white", 0.0), ("ou 0.5", 0.5), ("ou 0.8", 0.8)]:
-            steady = (1 - d) ** 2 + 2 * d * (1 - d) * a / (1 - rest * rho)
-            steady += d**2 * a / (2 - a) * (1 + rest * rho) / (1 - rest * rho)
-            np.testing.assert_allclose(
-                predicted_ratio(law, a, 400), np.sqrt(steady), rtol=1e-12
-            )
-
-
-def strip_texture(period_px, margin_px):
-    """A grey sinusoid along x, 4 texels per pixel, for a camera of 96 x 1 px."""
-    x = 0.5 + np.arange(4 * (96 + 2 * margin_px)) / 4 - margin_px
-    wave = 0.5 + 0.4 * np.sin(2 * np.pi * x / period_px)
-    texels = np.broadcast_to(wave[None, :, None], (4 * (1 + 2 * margin_px), len(x), 3))
-    return hj.Texture.of(jnp.asarray(texels), jnp.asarray(texels), 4, margin_px)
-
-
-STRIP = hj.Camera(width_px=96, height_px=1, fov_deg=2.0, refresh_hz=60.0)
-WAVE_PX = 64  # 0.098 rad per px; the block measures one period, far from the edges
-
-
-@functools.partial(jax.jit, static_argnames="warmup")
-def strip_mtcd(technique, texture, turns, *, warmup):
-    """MTCD of sessions of a head that only turns left and right."""
-    motions = hj.Motion(jnp.cumsum(turns, axis=1), turns)
-    region, block = hj.Region.whole(STRIP), hj.Region(16, 0, WAVE_PX, 1)
-
-    def one(motion):
-        return session.session(
-            texture, STRIP, technique, motion, region, block, warmup=warmup
-        ).mtcd
-
-    return jax.lax.map(one, motions)
-
-
-def check_small_motion(rng, sessions, laws, shares, warmups, rms_px=0.1):
-    texture = strip_texture(WAVE_PX, 40)
-    for warmup in warmups:
-        for law in laws:
-            turns = np.zeros((sessions, warmup + 10, 3))
-            px = rms_px * draw(rng, law, sessions, warmup + 9)
-            turns[:, 1:, 1] = np.arctan(px / float(STRIP.focal_px))
-            turns = jnp.asarray(turns)
-            mtcd = functools.partial(
-                strip_mtcd, texture=texture, turns=turns, warmup=warmup
-            )
-            plain = np.asarray(mtcd(NoAntialiasing()))
-            for share in shares:
-                kim = HeadMovement(w_min=share, w_lb=share, h_max_deg_s=1e9)
-                ours = np.asarray(mtcd(kim))
-                ratio = ours.mean() / plain.mean()
-                # The delta method: sessions are independent, pairs of runs are not.
-                error = np.std(ours - ratio * plain) / plain.mean() / sessions**0.5
-                expected = predicted_ratio(law, share, warmup)
-                # First order in 0.1 px of motion and in a picture of 0.1 rad per px:
-                # bilinear reads and curvature cost up to 1 %.
-                assert abs(ratio - expected) < 0.02 * expected + 2 * error
-
-
-def test_small_motion_is_filtered_as_predicted(rng):
-    # With the warm-up that studies use.
-    check_small_motion(rng, 300, ["position white", "ou 0.8"], [0.1, 0.3], [12])
-
-
-@pytest.mark.slow
-def test_small_motion_agrees_with_the_table(rng):
-    check_small_motion(rng, 4000, SMALL_MOTION, SHARES, [0, LONG_WARMUP])
-
-
-def test_a_texture_of_another_camera_is_refused(rng):
-    other = hj.Camera(CAMERA.width_px + 8, CAMERA.height_px, CAMERA.fov_deg, 60.0)
-    with pytest.raises(ValueError, match="scene must be a texture baked for this"):
-        hj.simulate(texture_of(rng), other, HeadMovement(), path(rng))
 
 
 @pytest.mark.slow
