@@ -59,11 +59,13 @@ def rebased_motion(poses: Float[np.ndarray, "frames 4"], dtype: DTypeLike) -> Mo
 
 
 def check_poses(poses: Array | np.ndarray) -> None:
-    """Raise unless poses have the shape `(frames, 4)`."""
+    """Raise unless poses have the shape `(frames, 4)`, with a frame at least."""
     if poses.ndim != 2 or poses.shape[1] != 4:
         raise ValueError(
             f"poses must have the shape (frames, 4), got {tuple(poses.shape)}."
         )
+    if not len(poses):
+        raise ValueError("poses must have at least 1 row, got 0.")
 
 
 def checked_motion(

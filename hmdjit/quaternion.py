@@ -35,7 +35,7 @@ def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
 
     **Arguments:** two quaternions `wxyz`, shape `(4,)`.
 
-    **Returns:** their product, shape `(4,)`.
+    **Returns:** their product, shape `(4,)`; not normalised: lengths multiply.
     """
     w, v = left[0], left[1:]
     other_w, other_v = right[0], right[1:]
@@ -51,7 +51,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 @jax.jit
 def rotate(q: Quaternion, vector: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Rotate a vector, `q v q*`; shape `(3,)`, same units as `vector`."""
+    """Rotate a vector by a unit quaternion, `q v q*`; shape `(3,)`, same units."""
     twice = 2 * jnp.cross(q[1:], vector)
     return vector + q[0] * twice + jnp.cross(q[1:], twice)
 
@@ -64,8 +64,8 @@ def exp(rotation: RotationVector) -> Quaternion:
 
     **Returns:** unit quaternion `wxyz`, shape `(4,)`.
 
-    **Accuracy:** relative precision of the vector part at every angle; gradients are
-    finite at 0.
+    **Accuracy:** relative precision of the vector part up to half a turn; beyond, an
+    error of about eps x angle. Gradients are finite at 0.
     """
     half = 0.5 * rotation
     angle_squared = half @ half
@@ -80,12 +80,14 @@ def exp(rotation: RotationVector) -> Quaternion:
 def log(q: Quaternion) -> RotationVector:
     """Rotation vector of a unit quaternion, along the shorter arc.
 
-    **Arguments:** `q`: unit quaternion `wxyz`, shape `(4,)`; `q` and `-q` agree.
+    **Arguments:** `q`: unit quaternion `wxyz`, shape `(4,)`; `q` and `-q` agree. A
+    length that is off 1 cancels.
 
-    **Returns:** rotation vector, rad, shape `(3,)`, length in `[0, pi]`.
+    **Returns:** rotation vector, rad, shape `(3,)`, length in `[0, pi]`; 0 for both
+    `1` and `-1`, NaN for a length of 0.
 
     **Accuracy:** relative precision at every angle; gradients are finite at 0. At half
-    a turn both arcs are equally short and either axis is right.
+    a turn both arcs are equally short and either axis is right: that of `q` as given.
 
     **Source:** `2 atan2(|v|, w)`; `acos(w)` loses the angle below 3e-4 rad in float32.
     """
@@ -105,7 +107,7 @@ def log(q: Quaternion) -> RotationVector:
 @jax.jit
 def angle(rotation: RotationVector) -> Scalar:
     """Length of a rotation vector, rad; its gradient at 0 is chosen as exactly 0."""
-    # Scaling first keeps denormals and 1e-30 rad from vanishing when squared.
+    # Scaling first keeps 1e-30 rad from vanishing when squared.
     largest = jnp.max(jnp.abs(rotation))
     is_zero = largest == 0
     scale = jax.lax.stop_gradient(jnp.where(is_zero, 1.0, largest))

@@ -68,7 +68,8 @@ def simulate(
             f"got {poses.shape[0]} in all."
         )
     is_jax = isinstance(poses, jax.Array)
-    motion = checked_motion(poses, poses.dtype if is_jax else jnp.dtype(jnp.float32))
+    has_dtype = is_jax and jnp.issubdtype(poses.dtype, jnp.floating)
+    motion = checked_motion(poses, poses.dtype if has_dtype else jnp.dtype(jnp.float32))
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)

@@ -48,6 +48,7 @@ STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
             "none",
             r"^poses\[0\] must have a length in .* got 3.$",
         ),
+        ((0, 18, 24, 3), STILL[:0], "none", r"^poses must have at least 1 row, got 0"),
         (
             (8, 18, 24, 3),
             STILL[:, 1:],

@@ -455,6 +455,7 @@ def test_a_long_sum_keeps_what_rounding_takes_from_it():
         (STILL, -1, r"^warmup must be a whole number >= 0, got -1.$"),
         (STILL[:, :3], 0, r"^poses must have the shape \(frames, 4\), got \(8, 3\).$"),
         (STILL[0], 0, r"^poses must have the shape \(frames, 4\), got \(4,\).$"),
+        (STILL[:0], 0, r"^poses must have at least 1 row, got 0.$"),
         (2 * STILL, 0, r"^poses\[0\] must have a length in \[0.99, 1.01\], got 2.$"),
         (np.nan * STILL, 0, r"^poses\[0\] must have a length in .*, got nan.$"),
     ],
@@ -463,6 +464,14 @@ def test_what_is_no_session_is_refused(rng, untyped, poses, warmup, message):
     texture = texture_of(rng)
     with pytest.raises(ValueError, match=message):
         hj.simulate(texture, CAMERA, NoAntialiasing(), poses, warmup=warmup)
+
+
+def test_whole_numbers_are_fine_as_poses(rng, untyped):
+    # JAX's made the motion whole numbers too, which have no eps.
+    measured = functools.partial(hj.simulate, texture_of(rng), CAMERA, NoAntialiasing())
+    still = jnp.asarray(STILL, jnp.float32)
+    whole = jax.eval_shape(measured, still.astype(int))
+    assert whole == jax.eval_shape(measured, still)
 
 
 def test_a_texture_of_another_camera_is_refused(rng):
