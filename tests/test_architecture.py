@@ -91,7 +91,7 @@ FOLDERS = {
     "envelope": [
         ("measuring", "oracles", "poses"),
         ("cases",),
-        ("heads", "pictures"),
+        ("curves", "heads", "pictures"),
         ("runs",),
         ("extremes",),
         ("report",),

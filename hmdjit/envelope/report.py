@@ -19,7 +19,7 @@ from .. import quaternion
 from ..camera import Camera
 from ..frame import rebased_motion
 from ..studies import drawing
-from . import cases, extremes, heads, pictures, runs
+from . import cases, curves, extremes, heads, pictures, runs
 from . import oracles as exact
 from .measuring import DIGITS, Case, Row, Run, distance, exact_numbers, measure
 from .poses import IDENTITY, poses_of, product, unit
@@ -131,9 +131,9 @@ def draw(seed: int = 0, points: int = 121) -> Figure:
         for axes, panel in zip(
             panels.flat, (_logs, _increments, _slerps, _past), strict=True
         ):
-            title, unit, curves = panel(rng, angles)
+            title, unit, lines = panel(rng, angles)
             for (label, errors), (color, marker) in zip(
-                curves.items(),
+                lines.items(),
                 ((_OURS, "o"), (_OTHER, "s"), (_THIRD, "^")),
                 strict=False,
             ):
@@ -170,11 +170,11 @@ _Panel = tuple[str, str, dict[str, list[float]]]
 
 def _logs(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
     inputs = [(q.astype(np.float32),) for q in _about(rng, angles)]
-    curves = {
+    lines = {
         "quaternion.log": _errors(quaternion.log, exact.log, inputs),
         "2 acos(w) v / |v|": _errors(_textbook_log, exact.log, inputs),
     }
-    return "Logarithm of a quaternion", "relative error", curves
+    return "Logarithm of a quaternion", "relative error", lines
 
 
 def _increments(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
@@ -197,12 +197,12 @@ def _increments(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
         two.append(gap(jitted(*pair)))
         turned = quaternion.multiply(quaternion.conjugate(pair[0]), pair[1])
         acos.append(gap(_textbook_log(turned)))
-    curves = {
+    lines = {
         "rebased in float64, quaternion.increments": ours,
         "two float32 poses, atan2": two,
         "two float32 poses, acos": acos,
     }
-    return "Increment between two poses", "relative error", curves
+    return "Increment between two poses", "relative error", lines
 
 
 def _slerps(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
@@ -212,11 +212,11 @@ def _slerps(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
     inputs = [(start, q.astype(np.float32), third) for q in _about(rng, angles)]
     part = lambda slerp: lambda *given: slerp(*given)[1:]
     oracle = lambda *given: exact.slerp(*given)[1:]
-    curves = {
+    lines = {
         "quaternion.slerp": _errors(part(quaternion.slerp), oracle, inputs),
         "weights by acos(dot)": _errors(part(_textbook_slerp), oracle, inputs),
     }
-    return "Slerp, d = 1/3: the part turned", "relative error", curves
+    return "Slerp, d = 1/3: the part turned", "relative error", lines
 
 
 def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
@@ -232,7 +232,7 @@ def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
             pinhole.displacement(display, r, *map(jnp.float32, place))[:2]
         )
     )
-    curves: dict[str, list[float]] = {
+    lines: dict[str, list[float]] = {
         "rebased in float64, displacement": [],
         "two float32 poses, atan2": [],
         "two float32 poses, acos": [],
@@ -252,10 +252,10 @@ def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
             quaternion.log(turned),
             _textbook_log(turned),
         )
-        for errors, rotation in zip(curves.values(), rotations, strict=True):
+        for errors, rotation in zip(lines.values(), rotations, strict=True):
             gap = np.abs(np.asarray(moved(rotation), float) - truth)
             errors.append(float(np.max(gap)))
-    return "Past sample, 1024 px, 96°, d = 0 (to 0.3 rad)", "error, px", curves
+    return "Past sample, 1024 px, 96°, d = 0 (to 0.3 rad)", "error, px", lines
 
 
 def entries() -> list[Case | Run]:
@@ -263,7 +263,9 @@ def entries() -> list[Case | Run]:
     return [
         *cases.cases(),
         *pictures.cases(),
+        *curves.cases(),
         *heads.cases(),
+        *curves.runs(),
         *runs.runs(),
         *extremes.runs(),
     ]
