@@ -199,6 +199,7 @@ def _study(command: Any, console: rich.console.Console) -> int:
                 progress=bar,
                 tolerance=goal.tolerance,
                 budget_s=goal.budget_s,
+                omit_failed=options.omit_failed,
             )
     except KeyboardInterrupt:
         console.print(

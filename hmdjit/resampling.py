@@ -162,7 +162,8 @@ def bilinear_by_slices(
 
     **Returns:** shape `(channels, *shape)`, in the dtype of `span`.
 
-    **Accuracy:** as `bilinear`, up to rounding.
+    **Accuracy:** as `bilinear`, up to rounding. A texel that is not finite shows in all
+    pixels that have a tap on it, whatever its weight, and in their slopes.
     """
     k, _, channels, rows, columns = texels.shape
     height, width = shape

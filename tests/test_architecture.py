@@ -94,6 +94,7 @@ FOLDERS = {
         ("curves", "heads", "pictures"),
         ("runs",),
         ("extremes",),
+        ("holes",),
         ("report",),
     ],
     "curve_fitting": [

@@ -12,7 +12,8 @@ import xarray
 import hmdjit as hj
 from hmdjit import cli
 from hmdjit.head_motion import presets
-from hmdjit.studies import measuring
+from hmdjit.session import Result
+from hmdjit.studies import measuring, report
 
 SMALL = [
     *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),
@@ -99,6 +100,32 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(measuring.Runner, "run", interrupt)
     assert cli.run([*SMALL, "--out", str(tmp_path)]) == 130
     assert "run the same command to go on" in capsys.readouterr().out
+
+
+def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypatch):
+    def one_fails(self, technique, texture, batch):
+        mtcd = np.arange(1.0, 7.0)
+        mtcd[3] = np.nan
+        return Result(mtcd, mtcd)
+
+    monkeypatch.setattr(measuring.Runner, "run", one_fails)
+    monkeypatch.setattr(measuring, "MOST_FAILED", 0.2)
+    monkeypatch.setattr(report, "write_report", lambda *_: [])
+    study = [*SMALL, "--out", str(tmp_path)]
+    assert cli.run(study) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(
+        "hmdjit: error: 1 of 6 sessions gave no finite number (3); omit_failed=True "
+        "(--omit-failed) leaves them out."
+    )
+    assert cli.run([*study, "--omit-failed"]) == 0
+    assert "Failed sessions, left out: 1." in capsys.readouterr().out
+
+
+def test_the_help_names_the_choice(capsys):
+    with pytest.raises(SystemExit):
+        cli.run(["study", "--help"])
+    assert "--omit-failed" in capsys.readouterr().out
 
 
 def test_apply_shows_what_the_api_shows(tmp_path, rng, capsys):

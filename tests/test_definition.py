@@ -44,6 +44,14 @@ def test_a_definition_names_presets_as_they_are(tmp_path):
     assert options.head == "fixating"
 
 
+def test_a_definition_may_leave_failed_sessions_out(tmp_path):
+    (tmp_path / "study.toml").write_text("omit_failed = true")
+    options, _ = definition.read_toml(tmp_path / "study.toml")
+    assert options.omit_failed
+    assert not Options().omit_failed
+    assert definition.merged(options, Options()).omit_failed
+
+
 @pytest.mark.parametrize(
     ("low", "high"),
     [

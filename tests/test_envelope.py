@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hmdjit import cli, quaternion
-from hmdjit.envelope import measuring, oracles, report
+from hmdjit.envelope import holes, measuring, oracles, report
 from hmdjit.envelope.measuring import Bound, Case
 
 ENTRIES = {entry.name: entry for entry in report.entries()}
@@ -21,6 +21,7 @@ FEW = [
     "color.encode",
     "blending.ease",
     "resampling.nearest",
+    "bilinear_by_slices, gradient by picture, NaN or inf",
     "HeadMotion.velocity_spectrum, wander",
     "reprojection.past_position",
     "quaternion.multiply, composed",
@@ -100,6 +101,15 @@ def test_a_gradient_that_is_dead_at_rest_does_not_hold():
     assert row.error <= row.bound
     assert row.gradient > 1e6  # eps: all of it is lost
     assert not row.holds
+
+
+@pytest.mark.parametrize("count", [holes.pixels, holes.slopes])
+def test_a_hole_that_spreads_does_not_hold(count, rng):
+    read = holes.by_gathers
+    spread = lambda picture, dx, dy: read(picture, dx, dy) + 0 * jnp.mean(picture)
+    assert count(spread, 4.0, rng, "float32", quick=True)[0] > 50
+    # Nor does a reach that is too small for what is read.
+    assert count(read, 0.4, rng, "float32", quick=True)[0] > 0
 
 
 def test_the_quick_form_has_inputs_of_both_kinds_where_they_alternate():

@@ -95,13 +95,29 @@ def test_samples_of_different_length_share_the_sessions_that_both_have(rng):
 def test_a_session_that_failed_keeps_its_place(flicker):
     values, others = flicker[0].copy(), flicker[0].copy()
     values[3] = np.nan
-    ours = mean_of(values)
+    ours = mean_of(values, nan_policy="omit")
     expected = mean_of(np.delete(values, 3))
     assert ours.value == expected.value
     assert ours.standard_error == pytest.approx(expected.standard_error, rel=1e-12)
     # One that failed in one of two equal scenes leaves them nearly as correlated.
     both = combined([0.5, 0.5], [ours, mean_of(others)])
     assert both.standard_error == pytest.approx(ours.standard_error, rel=0.01)
+
+
+def test_a_session_that_failed_makes_all_nan_unless_it_is_left_out(flicker):
+    x, y = flicker[0].copy(), flicker[1]
+    x[3] = np.inf
+    for slope in (0.0, 0.8):
+        found = control_variate(x, y, flicker[2], slope)
+        assert math.isnan(found.value)
+        assert math.isnan(found.standard_error)
+        left = control_variate(x, y, flicker[2], slope, nan_policy="omit")
+        whole = control_variate(np.delete(x, 3), np.delete(y, 3), flicker[2], slope)
+        assert left.value == whole.value
+    # Not a baseline without flicker, which has no ratio at all.
+    against = ratio(mean_of(y), mean_of(x))
+    assert against is not None
+    assert math.isnan(against.value)
 
 
 # --- the control variate ---

@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,18 +162,58 @@ def test_fewer_than_five_subjects_speak_for_their_windows_only(rng):
     assert "windows only" not in ratio_interval(x, y, np.arange(100) % 5).method
 
 
-def test_failed_sessions_are_left_out_pairwise(rng):
+def with_holes(rng):
     x, y = sessions(rng, 100)
     x[3], y[7], y[8] = np.nan, np.inf, -np.inf
+    return x, y
+
+
+def test_failed_sessions_are_left_out_pairwise_where_that_is_chosen(rng):
+    x, y = with_holes(rng)
     keep = ~np.isin(np.arange(100), [3, 7, 8])
-    assert mean_interval(x) == mean_interval(np.delete(x, 3))
-    assert ratio_interval(x, y) == ratio_interval(x[keep], y[keep])
+    assert mean_interval(x, nan_policy="omit") == mean_interval(np.delete(x, 3))
+    found = ratio_interval(x, y, nan_policy="omit")
+    assert found == ratio_interval(x[keep], y[keep])
     subject = np.arange(100) % 6
-    left = ratio_interval(x, y, subject)
+    left = ratio_interval(x, y, subject, nan_policy="omit")
     assert left == ratio_interval(x[keep], y[keep], subject[keep])
-    found = geometric_mean_ratio(np.stack([x, 2 * y]), np.stack([y, y]))
-    first = ratio_interval(x, y).value
-    np.testing.assert_allclose(found.value, math.sqrt(2 * first), rtol=1e-12)
+    scenes = np.stack([x, 2 * y]), np.stack([y, y])
+    both = geometric_mean_ratio(*scenes, nan_policy="omit")
+    np.testing.assert_allclose(both.value, math.sqrt(2 * found.value), rtol=1e-12)
+    data = np.stack([x, y, x, y])
+    left = log_ratio_derivative_interval(*data, nan_policy="omit")
+    assert left == log_ratio_derivative_interval(*data[:, keep])
+
+
+def test_failed_sessions_make_all_nan_and_are_counted(rng):
+    x, y = with_holes(rng)
+    good = np.ones(100)
+    for found, bad in (
+        (mean_interval(x), 1),
+        (mean_interval(y, np.arange(100) % 6), 2),
+        (ratio_interval(x, y), 3),
+        (ratio_interval(x, good), 1),
+        (log_ratio_derivative_interval(good, good, x, y), 3),
+        # One scene is whole; sessions are counted once, in however many they failed.
+        (geometric_mean_ratio(np.stack([good, x, x]), np.stack([good, y, good])), 3),
+    ):
+        numbers = [found.value, found.low, found.high, found.standard_error]
+        assert np.isnan(numbers).all()
+        assert found.method == f"not finite in {bad} of 100 sessions"
+
+
+@pytest.mark.parametrize("nan_policy", ["propagate", "omit"])
+def test_both_policies_agree_where_no_session_failed(rng, nan_policy):
+    x, y = sessions(rng, 60)
+    assert mean_interval(x, nan_policy=nan_policy) == mean_interval(x)
+    assert ratio_interval(x, y, nan_policy=nan_policy) == ratio_interval(x, y)
+
+
+def test_a_policy_that_is_none_is_refused(untyped):
+    policy: Any = "raise"
+    message = "nan_policy must be one of propagate, omit, got 'raise'"
+    with pytest.raises(ValueError, match=message):
+        mean_interval(np.ones(3), nan_policy=policy)
 
 
 @pytest.mark.parametrize(("level", "has_ratio"), [(0.05, False), (0.0501, True)])
@@ -210,7 +251,7 @@ def test_what_does_not_vary_has_an_interval_of_no_width(count):
 
 
 def test_one_session_has_a_value_and_no_interval():
-    x, y = np.array([1.0, np.nan]), np.array([2.0, 3.0])
+    x, y = np.array([1.0]), np.array([2.0])
     for found, value in (
         (mean_interval(x), 1.0),
         (ratio_interval(x, y), 0.5),
@@ -224,9 +265,11 @@ def test_one_session_has_a_value_and_no_interval():
 def test_no_session_has_nothing_and_says_so():
     none = np.full(3, np.nan)
     for found in (
-        mean_interval(none),
-        ratio_interval(none, np.ones(3)),
-        geometric_mean_ratio(none[None], np.ones((1, 3))),
+        mean_interval(none, nan_policy="omit"),
+        mean_interval(none[:0]),
+        ratio_interval(none, np.ones(3), nan_policy="omit"),
+        geometric_mean_ratio(none[None], np.ones((1, 3)), nan_policy="omit"),
+        log_ratio_derivative_interval(none, none, none, none, nan_policy="omit"),
     ):
         assert math.isnan(found.value)
         assert found.method.startswith("no session succeeded")

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import hmdjit as hj
 from hmdjit.studies import measuring, monte_carlo
 from hmdjit.studies.batches import fingerprint
 from hmdjit.studies.measuring import FailedSessionsError
+from hmdjit.studies.results import summarize
 from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
 
 CAMERA = hj.Camera(64, 64, fov_deg=8.0)  # 8 px/deg, as a headset's centre
@@ -210,10 +212,92 @@ def test_a_wide_session_equals_itself_in_a_wide_study():
 def test_sessions_that_leave_the_margin_are_named_and_stop_the_study():
     restless = hj.HeadMotion((60.0, 60.0, 1.0), (0.5, 0.5, 0.1), (0.0, 0.0, 0.0))
     study = _study(head=restless, margin_deg=0.5)
-    with pytest.raises(
-        FailedSessionsError, match=r"of 12 sessions gave no finite.*\(se"
-    ):
+    message = r"of 12 sessions gave no finite number \(\d.*margin_deg = 0\.5 from"
+    with pytest.raises(FailedSessionsError, match=message):
         study.run(seed=0)
+
+
+def _replay_with_a_turn():
+    """Ten windows of still heads; in one the head turns out of the margin."""
+    still = np.zeros((70, 3))
+    still[30:35, 1] = np.radians(np.linspace(1, 8, 5))
+    poses = np.asarray(jax.vmap(hj.quaternion.exp)(jnp.asarray(still)))
+    trace = hj.Trace(np.arange(70) / 60, poses)
+    one = {"board": hj.scenes.checkerboard(square_deg=1.0)}
+    none = (hj.techniques.by_id("none"),)
+    return _study(head=hj.Replay([trace]), scenes=one, techniques=none, sessions=10)
+
+
+def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
+    study = _replay_with_a_turn()
+    with pytest.raises(FailedSessionsError, match=r"at most 1% may") as stop:
+        study.run(seed=0)
+    assert "kept" not in str(stop.value)
+    monkeypatch.setattr(measuring, "MOST_FAILED", 0.1)
+    with pytest.raises(FailedSessionsError) as stop:
+        study.run(seed=0, out=tmp_path)
+    found = re.fullmatch(
+        r"1 of 10 sessions gave no finite number \((\d)\); omit_failed=True "
+        r"\(--omit-failed\) leaves them out\. One cause is a head that turns more than "
+        r"margin_deg = 4 from where it started\. Finished batches are kept in (.*)\.",
+        str(stop.value),
+    )
+    assert found
+    assert found[2] == str(tmp_path)
+    assert not (tmp_path / "result.nc").exists()
+
+    # What the study that stopped has kept is all that the other needs.
+    events = []
+    data = study.run(seed=0, out=tmp_path, omit_failed=True, progress=events.append)
+    assert events[-1].fresh == 0
+    failed = int(found[1])
+    assert json.loads(data.attrs["failed_sessions"]) == [failed]
+    assert data.attrs["omit_failed"] == 1
+    assert np.flatnonzero(np.isnan(data["mtcd"][0, 0])).tolist() == [failed]
+    row = summarize(data)[0]
+    assert row.mean == pytest.approx(float(data["mtcd"][0, 0].mean(skipna=True)))
+    assert row.sessions == 9
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as written:
+        assert written.attrs["omit_failed"] == 1
+
+
+def test_a_choice_leaves_out_no_more_than_may_fail(monkeypatch):
+    monkeypatch.setattr(measuring, "MOST_FAILED", 0.09)
+    with pytest.raises(FailedSessionsError, match=r"at most 9% may, with omit_fail"):
+        _replay_with_a_turn().run(seed=0, omit_failed=True)
+
+
+def test_a_study_that_stops_early_says_how_far_it_is():
+    with pytest.raises(
+        FailedSessionsError, match=r"10 sessions \(\d run so far\) gave"
+    ):
+        _replay_with_a_turn().run(seed=0, batch_size=9)
+
+
+def test_the_choice_is_no_part_of_what_sessions_are(data):
+    again = _study().run(seed=5, omit_failed=True)
+    xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
+    assert data.attrs["omit_failed"] == 0
+    same = data.attrs | {"omit_failed": 1}
+    assert again.attrs == same
+
+
+def test_few_of_many_sessions_may_be_left_out():
+    few, many = list(range(5)), list(range(6))
+    stop, omit = (measuring.Failures(omit, 6.0, None) for omit in (False, True))
+    stop.check([], 500)
+    omit.check(few, 500)
+    for failures, failed, choice in (
+        (stop, [7], "leaves them out"),
+        (stop, few, "leaves them out"),
+        (stop, many, r"at most 1% may"),
+        (omit, many, r"at most 1% may"),
+    ):
+        words = rf"{len(failed)} of 500 sessions gave.*{choice}"
+        with pytest.raises(FailedSessionsError, match=words):
+            failures.check(failed, 500)
+    with pytest.raises(FailedSessionsError, match=r"\(0, 1, .*, 9, \.\.\.\);"):
+        stop.check(list(range(30)), 40)
 
 
 @pytest.mark.slow

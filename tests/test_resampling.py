@@ -270,6 +270,26 @@ def test_a_hole_is_seen_but_not_in_the_slope_of_what_is_masked(name, hole, texel
 
 
 @each_reader
+def test_a_hole_is_in_the_slopes_by_the_texels_that_its_pixels_read(name, texels):
+    dx, dy = jnp.asarray(0.3), jnp.asarray(-0.6)
+    mean = lambda texels, dx: jnp.mean(read(name, texels, dx, dy) ** 2)
+    slopes = jax.jit(jax.grad(mean, (0, 1)))
+    with_hole = lambda value: texels.at[2, 3, 1].set(value)
+    by_filled, _ = slopes(with_hole(0.5), dx)
+    for hole in (np.nan, np.inf):
+        is_bad = ~jnp.isfinite(read(name, with_hole(hole), dx, dy))
+        pull = jax.vjp(lambda texels: read(name, texels, dx, dy), texels)[1]
+        is_read = np.asarray(pull(is_bad.astype(texels.dtype))[0]) != 0
+        assert 0 < is_read.sum() < is_read.size / 3
+        by_holed, by_dx = slopes(with_hole(hole), dx)
+        np.testing.assert_array_equal(~np.isfinite(by_holed), is_read)
+        # Elsewhere they are those of a picture without the hole, exactly.
+        np.testing.assert_array_equal(by_holed[~is_read], by_filled[~is_read])
+        # A number that all pixels share has no slope, as the mean has no value.
+        assert jnp.isnan(by_dx) or name == "nearest"
+
+
+@each_reader
 def test_gradients_in_the_picture_are_the_weights(name, rng, texels):
     dx, dy = rng.uniform(-2, 2, (2, HEIGHT, WIDTH))
     direction = jnp.asarray(rng.normal(size=texels.shape))

@@ -108,8 +108,8 @@ def test_a_scene_without_flicker_has_no_ratio_and_says_why():
         assert math.isfinite(row.mean)
 
 
-def test_failed_sessions_are_left_out_and_counted():
-    data = study()
+def test_failed_sessions_are_left_out_and_counted_where_that_was_chosen():
+    data = study().assign_attrs(omit_failed=1)
     data["mtcd"][1, 0, :5] = np.nan
     data["mtcd"][0, 0, 4:7] = np.nan
     cells = by_cell(summarize(data))
@@ -122,8 +122,29 @@ def test_failed_sessions_are_left_out_and_counted():
     assert cells["head_movement", "geometric mean"].sessions == 80
 
 
-def test_a_cell_where_every_session_failed_is_empty_and_named():
+def test_failed_sessions_else_make_what_they_enter_nan():
     data = study()
+    expected = by_cell(summarize(data))
+    data["mtcd"][1, 0, :5] = np.nan
+    data["detail_loss"][2, 1, 7] = np.inf
+    cells = by_cell(summarize(data))
+    words = "not finite in 5 of 80 sessions"
+    for scene in ("astronaut", "all", "geometric mean"):
+        row = cells["head_movement", scene]
+        numbers = [row.mean, row.q05, row.ratio, row.ratio_low, row.pairing_gain]
+        assert np.isnan(numbers).all()
+        assert row.note == words
+    assert cells["head_movement", "astronaut"].sessions == 75
+    lossless = cells[TECHNIQUES[2], "text"]
+    assert math.isnan(lossless.detail_loss)
+    assert lossless.note == "not finite in 1 of 80 sessions"
+    # As text, for fields that are NaN are equal so.
+    whole = cells["head_movement", "text"]
+    assert str(whole) == str(expected["head_movement", "text"])
+
+
+def test_a_cell_where_every_session_failed_is_empty_and_named():
+    data = study().assign_attrs(omit_failed=1)
     data["mtcd"][1, 1] = np.nan
     cells = by_cell(summarize(data))
     empty = cells["head_movement", "text"]

@@ -165,12 +165,54 @@ def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
         study().run(0, tolerance=0.05)
 
 
-def test_heads_that_leave_the_margin_stop_the_study():
+@pytest.mark.parametrize("omit_failed", [False, True])
+def test_heads_that_leave_the_margin_stop_the_study(omit_failed):
     restless = study(margin_deg=0.02)
-    with pytest.raises(
-        measuring.FailedSessionsError, match=r"of 128 sessions of noise"
-    ):
-        restless.run(0, tolerance=0.1)
+    message = r"of 128 sessions of noise's pilot gave .*at most 1% may"
+    with pytest.raises(measuring.FailedSessionsError, match=message):
+        restless.run(0, tolerance=0.1, omit_failed=omit_failed)
+
+
+def test_failed_sessions_are_left_out_only_by_choice(precise):
+    data = precise[0].copy(deep=True)
+    # That a frozen picture was not run further is no failure.
+    data["count"][2] = 64
+    data["mtcd"][2, :, 64:] = data["detail_loss"][2, :, 64:] = np.nan
+    expected = rows_of(data)
+    data["mtcd"][1, 0, 5] = np.nan
+    rows = rows_of(data)
+    assert rows["freeze", "noise"].mean == rows["freeze", "all"].ratio == 0
+    for scene in ("noise", "all", "geometric mean"):
+        row = rows["head_movement", scene]
+        assert np.isnan([row.mean, row.low, row.q05, row.ratio, row.ratio_high]).all()
+    assert rows["head_movement", "noise"].note == "not finite in some sessions"
+    for technique, scene in (("none", "noise"), ("head_movement", "grey")):
+        # As text, for fields that are NaN are equal so.
+        assert str(rows[technique, scene]) == str(expected[technique, scene])
+
+    left = rows_of(data.assign_attrs(omit_failed=1))["head_movement", "noise"]
+    whole = expected["head_movement", "noise"]
+    assert left.sessions == whole.sessions - 1
+    assert 0 < abs(left.mean - whole.mean) < whole.standard_error
+    assert 0 < abs(left.ratio - whole.ratio) < whole.ratio_high - whole.ratio
+
+
+def test_a_session_that_failed_for_one_technique_counts_for_none():
+    rng = np.random.default_rng(2)
+    simulated, predicted = rng.random((2, 2, 200))
+    paths, slope, count = rng.random((2, 300)), np.array([0.5, 0.0]), np.array([200, 9])
+    simulated[1, 9:] = np.nan  # not run
+    bad = simulated.copy()
+    bad[0, 4] = np.nan
+    cell = lambda mtcd: samples.Cell(
+        mtcd, np.abs(mtcd), predicted, paths, slope, np.ones(2), count
+    )
+    assert not cell(simulated).has_failed().any()
+    assert np.flatnonzero(cell(bad).has_failed()).tolist() == [4]
+    assert cell(simulated).estimate(1, "propagate").value == simulated[1, :9].mean()
+    assert cell(bad).estimate(1, "omit").value == np.delete(bad[1, :9], 4).mean()
+    assert math.isnan(cell(bad).estimate(0, "propagate").value)
+    assert math.isfinite(cell(bad).estimate(0, "omit").value)
 
 
 def test_quantiles_are_the_sessions_own(precise):
@@ -274,7 +316,7 @@ def test_a_run_goes_on_if_it_varies_after_all(untyped, sparse):
     assert cell.count.tolist() == [256 if sparse else samples.LEAST_SESSIONS]
     assert sum(calls) == cell.count[0] == cell.simulated.shape[1]
     assert not cell.has_failed().any()
-    assert cell.estimate(0).value == (1 / 256 if sparse else 0.0)
+    assert cell.estimate(0, "propagate").value == (1 / 256 if sparse else 0.0)
 
 
 @pytest.mark.slow

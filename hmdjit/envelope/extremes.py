@@ -1,9 +1,9 @@
-"""The envelope's extremes of whole sessions: gradients, holes, what is out of range.
+"""The envelope's extremes of whole sessions: gradients, and what is out of range.
 
 Every technique's numbers at the ends of their ranges, pictures that are black, equal,
 one pixel wide or far brighter than white, and heads at rest, at the fastest blended
 speed up to rounding, and turned so far that nothing seen before is in view: all
-gradients must be numbers. What is no number must not spread.
+gradients must be numbers. What is out of range must not spread.
 """
 
 from collections.abc import Iterator
@@ -14,13 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import clips, metrics, quaternion, resampling, scenes
+from .. import clips, metrics, quaternion, scenes
 from ..camera import Camera, Region
-from ..frame import GATHER, Frame, Motion, Reading
+from ..frame import GATHER
 from ..head_motion import HeadMotion
 from ..head_motion.parameters import Amplitude, Resonator
 from ..simulation import simulate
-from ..sources import History
 from ..techniques import SSAA, HeadMovement
 from .heads import RATES_HZ, TIMES_S
 from .measuring import Bound, Run, Worst
@@ -120,35 +119,6 @@ def clip_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-def hidden_holes(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Count them of a step whose history is no number, and is masked out."""
-    camera = Camera(5, 4, 96.0, 60.0)
-    color = jnp.asarray(rng.random((1, 3, 4, 5)), dtype)
-    holes = jnp.full((3, 4, 5), jnp.nan, dtype)
-    worst = Worst()
-
-    @jax.jit
-    @jax.value_and_grad
-    def brightness(arguments: tuple, holes: Any) -> Any:
-        technique, camera, increment = arguments
-        mask = jnp.zeros((4, 5), bool)
-        frame = Frame(color, camera, Region.whole(camera), mask, Reading("plain"))
-        motion = Motion(increment, increment)
-        _, shown = technique.step(History.of(holes), frame, motion)
-        return jnp.mean(shown**2)
-
-    increment = 1e-2 * rng.normal(size=3)
-    for name, members in techniques().items():
-        for technique in members if name != "over SSAA" else []:
-            given = (technique, camera, increment)
-            given = jax.tree.map(lambda x: jnp.asarray(x, dtype), given)
-            bad = bad_leaves(brightness(given, holes))
-            worst.add(float(bad), name)
-        if quick:
-            break
-    return worst.found
-
-
 def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Count them of `simulate`, of 2 and 3 frames, at rest and in motion."""
     display = Camera(24, 20, 12.0, 60.0)
@@ -225,73 +195,6 @@ def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-# --- holes ---
-
-
-def _reach(
-    readings: Any, rng: _Rng, quick: bool, size: int = 12
-) -> Iterator[tuple[int, str]]:
-    for n in range(6 if quick else 40):
-        dx, dy = rng.uniform(-2.2, 2.2, 2) if n else (0.0, 0.0)
-        for hole in (np.nan, np.inf):
-            picture = rng.random((size, size, 1))
-            picture[size // 2, size // 2] = hole
-            yield (
-                readings(picture, float(dx), float(dy)),
-                f"{hole} read at {dx!r}, {dy!r}",
-            )
-
-
-def hole_by_gathers(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Pixels that a texel that is no number reaches beyond the 2 x 2 around it."""
-
-    @jax.jit
-    def read(picture: Any, dx: Any, dy: Any) -> Any:
-        index = jnp.arange(12, dtype=jnp.int32)
-        moved = jnp.broadcast_to(dx, (12, 12)), jnp.broadcast_to(dy, (12, 12))
-        texels = resampling.texels(picture)
-        return resampling.bilinear(texels, index[None], index[:, None], *moved)[0]
-
-    def spread(picture: np.ndarray, dx: float, dy: float) -> int:
-        shown = read(*(jnp.asarray(x, dtype) for x in (picture, dx, dy)))
-        rows, columns = np.nonzero(~np.isfinite(np.asarray(shown)))
-        near = (np.abs(rows + dy - 6) <= 1) & (np.abs(columns + dx - 6) <= 1)
-        return int(np.sum(~near))
-
-    worst = Worst()
-    for beyond, where in _reach(spread, rng, quick):
-        worst.add(float(beyond), where)
-    return worst.found
-
-
-def hole_by_slices(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Pixels that such a texel reaches beyond the 3 x 3 or 4 x 4 that slices take."""
-
-    @jax.jit
-    def read(picture: Any, dx: Any, dy: Any) -> Any:
-        texels = resampling.texels(picture)
-        place = jnp.stack([dx, dy])
-        moved = jnp.full((12, 12), dx), jnp.full((12, 12), dy)
-        six = jnp.int32(6)
-        # Texels from `floor(d - margin)` on: 3 each way for 1/2, 4 for 1.
-        margin = jnp.where(dx > 0, 1.0, 0.5).astype(dx.dtype)
-        span = jnp.stack([place - margin, place + margin])
-        return resampling.bilinear_by_slices(
-            texels, six, six, (12, 12), span, lambda: moved
-        )[0]
-
-    def spread(picture: np.ndarray, dx: float, dy: float) -> int:
-        shown = read(*(jnp.asarray(x, dtype) for x in (picture, dx, dy)))
-        rows, columns = np.nonzero(~np.isfinite(np.asarray(shown)))
-        near = (np.abs(rows + dy - 6) < 2) & (np.abs(columns + dx - 6) < 2)
-        return int(np.sum(~near))
-
-    worst = Worst()
-    for beyond, where in _reach(spread, rng, quick, size=24):
-        worst.add(float(beyond), where)
-    return worst.found
-
-
 # --- sessions that are wrong ---
 
 
@@ -336,7 +239,6 @@ def runs() -> list[Run]:
             single,
             unit,
         ),
-        Run("apply, gradients", "masked history of NaN", hidden_holes, single, unit),
         Run(
             "simulate, gradients",
             "0 to 0.01 rad",
@@ -352,20 +254,6 @@ def runs() -> list[Run]:
             none,
             unit,
             is_slow=True,
-        ),
-        Run(
-            "resampling.bilinear, NaN or inf",
-            "beyond its 2 x 2 texels",
-            hole_by_gathers,
-            none,
-            "pixels",
-        ),
-        Run(
-            "bilinear_by_slices, NaN or inf",
-            "beyond its 4 x 4 texels",
-            hole_by_slices,
-            none,
-            "pixels",
         ),
         Run(
             "simulate, in a batch",

@@ -19,7 +19,7 @@ from .. import quaternion
 from ..camera import Camera
 from ..frame import rebased_motion
 from ..studies import drawing
-from . import cases, curves, extremes, heads, pictures, runs
+from . import cases, curves, extremes, heads, holes, pictures, runs
 from . import oracles as exact
 from .measuring import DIGITS, Case, Row, Run, distance, exact_numbers, measure
 from .poses import IDENTITY, poses_of, product, unit
@@ -268,6 +268,7 @@ def entries() -> list[Case | Run]:
         *curves.runs(),
         *runs.runs(),
         *extremes.runs(),
+        *holes.runs(),
     ]
 
 

@@ -88,6 +88,11 @@ class Options:
     margin: float | None = _option(
         "DEG", "How far a head may turn from where it started (default: 6)."
     )
+    omit_failed: bool = _option(
+        "",
+        "Leave out sessions that fail, at most 1 % of them, instead of stopping.",
+        default=False,
+    )
     seed: int | None = _option("N", "Seed of all random draws (default: 0).")
     out: Path | None = _option(
         "DIR", "Folder for everything written (default: hmdjit-study)."

@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval
+from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval, NanPolicy
 
 FLOOR_MTCD = 0.005
 """Code values; no tolerance is below it, so that a uniform picture terminates."""
@@ -64,12 +64,17 @@ class Estimate:
         return Interval(self.value, self.value - step, self.value + step, error, method)
 
 
-def mean_of(values: Sessions, scale: float = 1.0) -> Estimate:
+def mean_of(
+    values: Sessions, scale: float = 1.0, *, nan_policy: NanPolicy = "propagate"
+) -> Estimate:
     """Mean over the sessions of one sample, times a number.
 
-    Sessions that failed (NaN) are left out; they keep their place, with no influence.
+    **Arguments:** `nan_policy`: sessions that are not finite make all NaN, or are left
+    out: they then keep their place, with no influence.
     """
     is_known = np.isfinite(values)
+    if nan_policy != "omit" and not is_known.all():
+        return Estimate(math.nan, (np.full(len(values), math.nan),))
     count = int(is_known.sum())
     value = float(values[is_known].mean()) if count else math.nan
     # As a variance divides by n - 1.
@@ -78,7 +83,12 @@ def mean_of(values: Sessions, scale: float = 1.0) -> Estimate:
 
 
 def control_variate(
-    simulated: Sessions, predicted: Sessions, paths: Paths, slope: float
+    simulated: Sessions,
+    predicted: Sessions,
+    paths: Paths,
+    slope: float,
+    *,
+    nan_policy: NanPolicy = "propagate",
 ) -> Estimate:
     """Mean of what is simulated, with a prediction of it as the control variate.
 
@@ -87,11 +97,12 @@ def control_variate(
     - `simulated`, `predicted`: of the same sessions and tiles.
     - `paths`: predictions for other, independent paths.
     - `slope`: b, from a pilot; 0 leaves the plain mean over `simulated`.
+    - `nan_policy`: of the simulated sessions, as in `mean_of`; paths are finite.
     """
     if slope == 0 or len(paths) == 0:
-        plain = mean_of(simulated)
+        plain = mean_of(simulated, nan_policy=nan_policy)
         return Estimate(plain.value, (*plain.influences, np.zeros(0)))
-    here = mean_of(simulated - slope * predicted)
+    here = mean_of(simulated - slope * predicted, nan_policy=nan_policy)
     there = mean_of(paths, slope)
     return Estimate(here.value + there.value, (*here.influences, *there.influences))
 
@@ -110,7 +121,7 @@ def combined(weights: Sequence[float], estimates: Sequence[Estimate]) -> Estimat
 
 def ratio(x: Estimate, y: Estimate) -> Estimate | None:
     """Ratio of two estimates, paired; None where the baseline does not flicker."""
-    if not y.value > MIN_BASELINE_MTCD:
+    if y.value <= MIN_BASELINE_MTCD:
         return None
     value = x.value / y.value
     difference = combined([1 / y.value, -value / y.value], [x, y])

@@ -17,6 +17,8 @@ fixed. Where recorded traces were replayed, the subject is the cluster.
 - With clusters, subjects are resampled and then each one's windows: slightly wide,
   since the second stage repeats what the first already shows. Fewer than 5 subjects
   cannot show how people differ: the interval is then over windows, and says so.
+- A session that failed is not finite. Who leaves it out chooses so, by `nan_policy`:
+  sessions that fail are those of heads that move much, so means without them are less.
 
 **Source:** delta method for ratios: Cochran, "Sampling Techniques", 3rd ed., section
 6.3; two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
@@ -28,10 +30,13 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Shaped
 from scipy import stats
+
+from .. import _checks
 
 MIN_BASELINE_MTCD = 0.05
 """Code values; a ratio to a baseline that flickers no more than this says nothing."""
@@ -46,6 +51,10 @@ NO_FLICKER = "no flicker to remove"
 WINDOWS_ONLY = "between these windows only"
 NO_SESSION = "no session succeeded"
 NO_PAIR = "no session succeeded in both this and the baseline"
+NOT_FINITE = "not finite in"
+
+NanPolicy = Literal["propagate", "omit"]
+"""What sessions that are not finite make of a mean: NaN, or nothing (as in SciPy)."""
 
 Sessions = Float[np.ndarray, " session"]
 Cells = Float[np.ndarray, "scene session"]
@@ -76,17 +85,26 @@ class Interval:
         return (self.high - self.low) / 2
 
 
-def mean_interval(x: Sessions, clusters: Subjects | None = None) -> Interval:
+def mean_interval(
+    x: Sessions,
+    clusters: Subjects | None = None,
+    *,
+    nan_policy: NanPolicy = "propagate",
+) -> Interval:
     """Mean over sessions: influence `x_i - mean(x)`.
 
     **Arguments:**
 
-    - `x`: one value per session; those that are not finite are left out.
+    - `x`: one value per session.
     - `clusters`: subject of each session, or None if every session is a new person.
+    - `nan_policy`: sessions that are not finite make all NaN, or are left out.
 
     **Returns:** the interval, in the unit of `x`; NaN bounds for a single session.
     """
-    x, clusters = _finite(np.asarray(x, float)[None], clusters)
+    x = np.asarray(x, float)[None]
+    if failure := _failure(x, nan_policy):
+        return _none(failure)
+    x, clusters = _finite(x, clusters)
     if x.shape[1] == 0:
         return _none(NO_SESSION)
     value = float(x.mean())
@@ -94,7 +112,11 @@ def mean_interval(x: Sessions, clusters: Subjects | None = None) -> Interval:
 
 
 def ratio_interval(
-    x: Sessions, y: Sessions, clusters: Subjects | None = None
+    x: Sessions,
+    y: Sessions,
+    clusters: Subjects | None = None,
+    *,
+    nan_policy: NanPolicy = "propagate",
 ) -> Interval:
     """Ratio of means `R = mean(x) / mean(y)`: influence `(x_i - R y_i) / mean(y)`.
 
@@ -103,13 +125,17 @@ def ratio_interval(
     **Arguments:**
 
     - `x`, `y`: MTCD of a technique and of the baseline in the same sessions, code
-      values; sessions where either is not finite are left out.
+      values.
     - `clusters`: subject of each session, or None if every session is a new person.
+    - `nan_policy`: sessions where either is not finite make all NaN, or are left out.
 
     **Returns:** the interval, dimensionless; NaN unless `mean(y)` exceeds
     `MIN_BASELINE_MTCD`.
     """
-    (x, y), clusters = _finite(_paired(x, y), clusters)
+    data = _paired(x, y)
+    if failure := _failure(data, nan_policy):
+        return _none(failure)
+    (x, y), clusters = _finite(data, clusters)
     if x.size == 0:
         return _none(NO_PAIR)
     if not y.mean() > MIN_BASELINE_MTCD:
@@ -121,7 +147,12 @@ def ratio_interval(
 
 
 def log_ratio_derivative_interval(
-    x: Sessions, y: Sessions, dx: Sessions, dy: Sessions
+    x: Sessions,
+    y: Sessions,
+    dx: Sessions,
+    dy: Sessions,
+    *,
+    nan_policy: NanPolicy = "propagate",
 ) -> Interval:
     """Differentiate the logarithm of a ratio of means, `ln(mean(x) / mean(y))`.
 
@@ -132,13 +163,19 @@ def log_ratio_derivative_interval(
     **Arguments:**
 
     - `x`, `y`: MTCD of a technique and of the baseline in the same sessions, code
-      values; finite.
+      values.
     - `dx`, `dy`: their derivatives with respect to one parameter.
+    - `nan_policy`: sessions where any is not finite make all NaN, or are left out.
 
     **Returns:** the interval, in units of one over the parameter's; NaN unless
     `mean(x)` is positive and `mean(y)` exceeds `MIN_BASELINE_MTCD`.
     """
     data = np.stack([np.asarray(values, float) for values in (x, y, dx, dy)])
+    if failure := _failure(data, nan_policy):
+        return _none(failure)
+    data, _ = _finite(data, None)
+    if data.shape[1] == 0:
+        return _none(NO_PAIR)
     x_mean, y_mean, dx_mean, dy_mean = data.mean(axis=1)
     if not (x_mean > 0 and y_mean > MIN_BASELINE_MTCD):
         return _none(NO_FLICKER)
@@ -151,7 +188,11 @@ def log_ratio_derivative_interval(
 
 
 def geometric_mean_ratio(
-    x: Cells, y: Cells, clusters: Subjects | None = None
+    x: Cells,
+    y: Cells,
+    clusters: Subjects | None = None,
+    *,
+    nan_policy: NanPolicy = "propagate",
 ) -> Interval:
     """Geometric mean over scenes of `R_s = mean(x_s) / mean(y_s)`.
 
@@ -162,13 +203,18 @@ def geometric_mean_ratio(
     **Arguments:**
 
     - `x`, `y`: MTCD of a technique and of the baseline, `(scene, session)`, code
-      values; in each scene, sessions where either is not finite are left out.
+      values.
     - `clusters`: subject of each session, or None if every session is a new person.
+    - `nan_policy`: sessions where either is not finite in any scene make all NaN, or
+      are left out of the scenes where they are not.
 
     **Returns:** the interval, dimensionless, over the scenes whose baseline exceeds
     `MIN_BASELINE_MTCD`; 0 if the technique removes all flicker from one of them.
     """
-    x, y = _paired(x, y)
+    data = _paired(x, y)
+    if failure := _failure(data, nan_policy):
+        return _none(failure)
+    x, y = data
     both = np.isfinite(x) & np.isfinite(y)
     # A ratio of means is a ratio of sums, to which a session left out adds 0.
     x, y = np.where(both, x, 0.0), np.where(both, y, 0.0)
@@ -203,6 +249,15 @@ def _paired(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if x.shape != y.shape:
         raise ValueError(f"x and y must have one shape, got {x.shape} and {y.shape}.")
     return np.stack([x, y])
+
+
+def _failure(data: np.ndarray, nan_policy: NanPolicy) -> str:
+    """Say how many sessions (last axis) are not finite, if that is to make all NaN."""
+    _checks.one_of("nan_policy", nan_policy, get_args(NanPolicy))
+    is_good = np.isfinite(data).all(axis=tuple(range(data.ndim - 1)))
+    if nan_policy == "omit" or is_good.all():
+        return ""
+    return f"{NOT_FINITE} {np.sum(~is_good)} of {is_good.size} sessions"
 
 
 def _finite(

@@ -29,7 +29,7 @@ from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from .batches import Store, fingerprint
 from .controls import Controls, control_of
-from .measuring import MOST_FAILED, FailedSessionsError, Runner
+from .measuring import Failures, Runner
 from .samples import CHUNK, PATH_TILES, PILOT_START, Sampler
 from .sessions import Batch, Sessions
 from .study import Progress, Study
@@ -75,9 +75,12 @@ class Run:
         out: str | os.PathLike | None,
         batch_size: int,
         progress: Callable[[Progress], None],
+        *,
+        omit_failed: bool,
     ):
         self.study, self.seed, self.tell = study, seed, progress
         self.out = None if out is None else Path(out)
+        self.failures = Failures(omit_failed, float(study.margin_deg), self.out)
         self.sessions = _sessions(study, seed, study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
         self.runner = _runner(study, self.batch_size)
@@ -128,7 +131,9 @@ class Run:
                     self.ran[places, s, here] = True
                     done += batch.size * len(places)
                     self._say(f"{name}: {technique.id}", done, fresh)
-                self._stop_if_many_failed()
+                count, ran = self.sessions.count, int(self.ran.any(axis=(0, 1)).sum())
+                words = "sessions" if ran == count else f"sessions ({ran} run so far)"
+                self.failures.check(self._failed(), count, words)
                 if s == 0:
                     self._describe(batch, here)
         return self._gather()
@@ -162,7 +167,7 @@ class Run:
             ),
         )
         base = next(run for run, mine in enumerate(places) if baseline in mine)
-        until = Until(goal, sampler, base)
+        until = Until(goal, sampler, base, self.failures)
         found, plans = [], []
         for s, (name, scene) in enumerate(study.scenes.items()):
             start = time.perf_counter()
@@ -189,7 +194,7 @@ class Run:
         for start in range(0, count, CHUNK):
             batch = self.sessions.batch(start, CHUNK)
             self._describe(batch, slice(start, start + batch.size))
-        self._stop_if_many_failed()
+        self.failures.check(self._failed(), count)
         return self._gather(with_controls(found, plans, goal, places, shape))
 
     def _simulated(
@@ -225,17 +230,6 @@ class Run:
         """Sessions that were run and gave a non-finite number anywhere."""
         is_bad = self.ran & ~np.isfinite(self.mtcd + self.detail_loss)
         return [int(i) for i in np.flatnonzero(is_bad.any(axis=(0, 1)))]
-
-    def _stop_if_many_failed(self) -> None:
-        failed = self._failed()
-        if len(failed) > MOST_FAILED * self.sessions.count:
-            named = ", ".join(map(str, failed[:10])) + (", ..." if failed[10:] else "")
-            raise FailedSessionsError(
-                f"{len(failed)} of {self.sessions.count} sessions gave no finite "
-                f"number (sessions {named}); at most {MOST_FAILED:.1%} may. A head "
-                f"that turns more than margin_deg = {self.study.margin_deg:g} from "
-                "where it started is one cause."
-            )
 
     def _gather(self, controls: Mapping | None = None) -> "xarray.Dataset":
         import xarray
@@ -302,6 +296,7 @@ class Run:
             "jax_version": jax.__version__,
             "numpy_version": np.__version__,
             "failed_sessions": json.dumps(self._failed()),
+            "omit_failed": int(self.failures.omit),
             "wide_halo_sessions": int(self.wide.sum()),
         }
 

@@ -185,7 +185,8 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
         if row.scene == POOLED and row.note not in ("", ONE_SESSION)
     ]
     if failed:
-        words.append(f"Failed sessions, left out: {failed}.")
+        left_out = ", left out" if a.get("omit_failed") else ""
+        words.append(f"Failed sessions{left_out}: {failed}.")
     if wide:
         words.append(f"Sessions that needed a wider halo: {wide}.")
     return "\n".join([words[0], words[1], " ".join(words[2:])])

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from .estimators import (
     ratio,
 )
 from .intervals import GEOMETRIC_MEAN as GEOMETRIC_MEAN
-from .intervals import NO_PAIR, NO_SESSION, Z95
+from .intervals import NO_FLICKER, NO_PAIR, NO_SESSION, NOT_FINITE, Z95, NanPolicy
 from .intervals import POOLED as POOLED
 from .intervals import Interval as Interval
 from .intervals import geometric_mean_ratio as geometric_mean_ratio
@@ -83,7 +84,10 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     has a ratio only.
 
     **Arguments:** `dataset`: a study's result, `mtcd` and `detail_loss` over technique,
-    scene and session; sessions that failed in a cell, or were not run, are NaN there.
+    scene and session; sessions that failed in a cell are NaN there. They are left out
+    where the attribute `omit_failed` is 1, as the study was told; else they make all
+    NaN that they enter. Sessions that a study with a goal did not run, by `count`, are
+    no failures.
 
     **Returns:** the rows, technique by technique in the dataset's order.
 
@@ -103,27 +107,29 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     order = ("technique", "scene", "session")
     mtcd = dataset["mtcd"].transpose(*order).values.astype(float)
     loss = dataset["detail_loss"].transpose(*order).values.astype(float)
+    nan_policy: NanPolicy = "omit" if dataset.attrs.get("omit_failed") else "propagate"
     clusters = None
     if "subject" in dataset.coords:
         clusters = dataset["subject"].values.astype(str)
     if "slope" in dataset:
-        return _until_rows(dataset, techniques, scenes, mtcd, loss)
+        return _until_rows(dataset, techniques, scenes, mtcd, loss, nan_policy)
+    row_of = functools.partial(_row, clusters=clusters, nan_policy=nan_policy)
     reference = mtcd[techniques.index(baseline)]
     rows = []
     for technique, x, d in zip(techniques, mtcd, loss, strict=True):
         cells = [
-            _row(technique, scene, *cell, clusters=clusters)
+            row_of(technique, scene, *cell)
             for scene, *cell in zip(scenes, x, reference, d, strict=True)
         ]
         means = (values.mean(axis=0) for values in (x, reference, d))
-        pooled = _row(technique, POOLED, *means, clusters=clusters)
+        pooled = row_of(technique, POOLED, *means)
         empty = [row.scene for row in cells if row.note in (NO_SESSION, NO_PAIR)]
         if empty:
             note = f"no session of {', '.join(empty)}"
             pooled = dataclasses.replace(pooled, note=note)
-        ratio = geometric_mean_ratio(x, reference, clusters)
+        ratio = geometric_mean_ratio(x, reference, clusters, nan_policy=nan_policy)
         having = sum(math.isfinite(row.ratio) for row in cells)
-        everywhere = having == len(scenes)
+        note = "" if having == len(scenes) else f"over {having} of {len(scenes)} scenes"
         geometric = SummaryRow(
             technique=technique,
             scene=GEOMETRIC_MEAN,
@@ -132,7 +138,7 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
             ratio_low=ratio.low,
             ratio_high=ratio.high,
             interval=ratio.method,
-            note="" if everywhere else f"over {having} of {len(scenes)} scenes",
+            note=ratio.method if ratio.method.startswith(NOT_FINITE) else note,
         )
         rows += [*cells, pooled, geometric]
     return rows
@@ -144,6 +150,7 @@ def _until_rows(
     scenes: list[str],
     mtcd: np.ndarray,
     loss: np.ndarray,
+    nan_policy: NanPolicy,
 ) -> list[SummaryRow]:
     """Rows of a study that ran until its goal: estimates with control variates."""
     base = techniques.index(str(dataset.attrs["baseline"]))
@@ -159,16 +166,21 @@ def _until_rows(
     z = [Z95 if is_timed else level_of_look(look) for look in looks]
     columns = (mtcd, loss, predicted, paths, slope, own_share, count)
     cells = [Cell(*(column[:, s] for column in columns)) for s in range(len(scenes))]
-    estimates = [[cell.estimate(t) for cell in cells] for t in range(len(techniques))]
+    estimates = [
+        [cell.estimate(t, nan_policy) for cell in cells] for t in range(len(techniques))
+    ]
     rows = []
     for t, technique in enumerate(techniques):
+        losses = [loss[t, s, : count[t, s]] for s in range(len(scenes))]
         for s, scene in enumerate(scenes):
             done = mtcd[t, s][np.isfinite(mtcd[t, s])]
             low, median, high = _quantiles(done, own_share[t, s])
+            if math.isnan(estimates[t][s].value):
+                low, median, high = _NO_QUANTILES
             row = _until_row(
                 technique, scene, estimates[t][s], estimates[base][s], z[s]
             )
-            detail = mean_interval(loss[t, s])
+            detail = mean_interval(losses[s], nan_policy=nan_policy)
             rows.append(
                 dataclasses.replace(
                     row,
@@ -186,7 +198,7 @@ def _until_rows(
         share = [1 / len(scenes)] * len(scenes)
         pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
         row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
-        detail = combined(share, [mean_of(cell) for cell in loss[t]])
+        detail = combined(share, [mean_of(x, nan_policy=nan_policy) for x in losses])
         rows.append(
             dataclasses.replace(
                 row,
@@ -201,7 +213,7 @@ def _until_rows(
         ratios = [
             ratio(x, y) for x, y in zip(estimates[t], estimates[base], strict=True)
         ]
-        having = [r for r in ratios if r is not None and r.value > 0]
+        having = [r for r in ratios if r is not None and not r.value <= 0]
         if having:
             every = geometric_mean(having)
             found = every.interval(max(z), rows[-1].interval)
@@ -231,6 +243,9 @@ def _until_row(
     found = mean.interval(z, method)
     paired = ratio(mean, baseline)
     against = no_ratio() if paired is None else paired.interval(z, method)
+    note = NO_FLICKER if paired is None else ""
+    if math.isnan(mean.value + baseline.value):
+        note = f"{NOT_FINITE} some sessions"
     return SummaryRow(
         technique=technique,
         scene=scene,
@@ -243,7 +258,7 @@ def _until_row(
         ratio_low=against.low,
         ratio_high=against.high,
         interval=method,
-        note=against.method if math.isnan(against.value) else "",
+        note=note,
     )
 
 
@@ -270,20 +285,26 @@ def _row(
     loss: np.ndarray,
     *,
     clusters: np.ndarray | None,
+    nan_policy: NanPolicy,
 ) -> SummaryRow:
-    mean, ratio = mean_interval(x, clusters), ratio_interval(x, baseline, clusters)
-    detail = mean_interval(loss, clusters)
-    gain = pairing_gain(mean_of(x), mean_of(baseline))
+    mean = mean_interval(x, clusters, nan_policy=nan_policy)
+    ratio = ratio_interval(x, baseline, clusters, nan_policy=nan_policy)
+    detail = mean_interval(loss, clusters, nan_policy=nan_policy)
+    both = (mean_of(values, nan_policy=nan_policy) for values in (x, baseline))
+    gain = pairing_gain(*both)
     finite = x[np.isfinite(x)]
     paired = int(np.isfinite(x + baseline).sum())
-    note = ""
-    if math.isnan(mean.value) or math.isnan(ratio.value):
-        note = mean.method if math.isnan(mean.value) else ratio.method
-    elif finite.size == 1:
+    missing = [
+        found.method for found in (mean, ratio, detail) if math.isnan(found.value)
+    ]
+    note = missing[0] if missing else ""
+    if not missing and finite.size == 1:
         note = ONE_SESSION
-    elif paired < finite.size:
+    elif not missing and paired < finite.size:
         note = f"ratio over the {paired} sessions that succeeded in both"
-    quantiles = np.quantile(finite, [0.05, 0.5, 0.95]) if finite.size else _NO_QUANTILES
+    quantiles = _NO_QUANTILES
+    if math.isfinite(mean.value):
+        quantiles = np.quantile(finite, [0.05, 0.5, 0.95])
     q05, q50, q95 = (float(quantile) for quantile in quantiles)
     return SummaryRow(
         technique=technique,

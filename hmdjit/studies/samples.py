@@ -16,6 +16,7 @@ from ..techniques.base import AbstractTechnique
 from .batches import fingerprint
 from .controls import Controls, control_of
 from .estimators import Estimate, control_variate
+from .intervals import NanPolicy
 from .sessions import Batch, Sessions
 
 PILOT_START, PATHS_START = 1 << 29, 1 << 30
@@ -71,18 +72,25 @@ class Cell:
 
     def has_failed(self) -> np.ndarray:
         """Which sessions gave some run no finite number, `(sessions,)`."""
-        return np.any(self.was_run() & ~np.isfinite(self.simulated), axis=0)
+        is_good = np.isfinite(self.simulated + self.detail_loss)
+        return np.any(self.was_run() & ~is_good, axis=0)
 
-    def estimate(self, run: int) -> Estimate:
-        """Mean MTCD of a run."""
-        # A session that failed for one technique counts for none: they are paired.
-        failed = self.has_failed()
-        paths = self.paths[run]
+    def estimate(self, run: int, nan_policy: NanPolicy) -> Estimate:
+        """Mean MTCD of a run over the sessions that were simulated.
+
+        **Arguments:** `nan_policy`: of the sessions that failed. One that failed for
+        one technique is left out of all: they are paired.
+        """
+        was_run = slice(self.count[run])
+        simulated, paths = self.simulated[run, was_run], self.paths[run]
+        if nan_policy == "omit":
+            simulated = np.where(self.has_failed()[was_run], np.nan, simulated)
         return control_variate(
-            np.where(failed, np.nan, self.simulated[run]),
-            self.predicted[run],
+            simulated,
+            self.predicted[run, was_run],
             paths[np.isfinite(paths)],
             float(self.slope[run]),
+            nan_policy=nan_policy,
         )
 
 

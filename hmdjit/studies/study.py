@@ -106,6 +106,7 @@ class Study(eqx.Module):
         batch_size: int = 256,
         tolerance: float | None = None,
         budget_s: float | None = None,
+        omit_failed: bool = False,
         progress: Callable[[Progress], None] = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
@@ -120,6 +121,8 @@ class Study(eqx.Module):
           within 0.005 code values.
         - `budget_s`: instead, as many as these seconds allow, compiling included; at
           least 128 in each scene.
+        - `omit_failed`: leave sessions that fail out of all means, at most 1 % of
+          them. They are those of heads that move much, so that means are less.
         - `progress`: called before and after each batch.
 
         **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
@@ -127,17 +130,20 @@ class Study(eqx.Module):
         attributes say what was run. With a goal, `results.summarize` makes the
         estimates.
 
-        **Errors:** `FailedSessionsError` if more than 0.1 % of the sessions give no
-        finite number; `KeyboardInterrupt` leaves all finished batches in `out`.
+        **Errors:** `FailedSessionsError` if sessions give no finite number, unless
+        they are left out; `KeyboardInterrupt`. Both leave all finished batches in
+        `out`, for the next run.
         """
         from .monte_carlo import Run
 
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
         if tolerance is None and budget_s is None:
-            return Run(self, seed, out, batch_size, progress).dataset()
-        goal = self.goal(tolerance, budget_s)
-        return Run(self, seed, out, CHUNK, progress).until(goal)
+            size, goal = batch_size, None
+        else:
+            size, goal = CHUNK, self.goal(tolerance, budget_s)
+        run = Run(self, seed, out, size, progress, omit_failed=omit_failed)
+        return run.dataset() if goal is None else run.until(goal)
 
     def goal(self, tolerance: float | None, budget_s: float | None) -> Goal:
         """Check what a study is to run until.

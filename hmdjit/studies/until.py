@@ -11,7 +11,6 @@ import dataclasses
 import json
 import math
 import time
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from .estimators import (
     sessions_needed,
 )
 from .intervals import MIN_BASELINE_MTCD, Z95
-from .measuring import MOST_FAILED, FailedSessionsError
+from .measuring import Failures
 from .samples import (
     LEAST_SESSIONS,
     PILOT_SESSIONS,
@@ -85,10 +84,12 @@ class Until:
     """Runs the scenes of a study, each until its goal is reached.
 
     - `baseline`: which of the sampler's runs ratios refer to.
+    - `failures`: what to do about sessions that fail.
     """
 
-    def __init__(self, goal: Goal, sampler: Sampler, baseline: int):
+    def __init__(self, goal: Goal, sampler: Sampler, baseline: int, failures: Failures):
         self._goal, self._sampler, self._baseline = goal, sampler, baseline
+        self._failures = failures
 
     def scene(
         self, name: str, texture: Texture, begun: float, deadline: float
@@ -128,7 +129,9 @@ class Until:
             measure.add_sessions(cell, LEAST_SESSIONS, math.inf)
             measure.add_paths(cell, paths, until)
             measure.add_sessions(cell, sessions, until)
-            _refuse_failures(name, cell.has_failed())
+            failed = cell.has_failed()
+            words = f"sessions of {name}"
+            self._failures.check(np.flatnonzero(failed).tolist(), failed.size, words)
             look += 1
             if self._goal.budget_s is not None or self._is_reached(cell, look):
                 break
@@ -140,7 +143,8 @@ class Until:
 
     def estimates(self, cell: Cell) -> list[tuple[Estimate, float]]:
         """Means and ratios of a scene, each with the smallest error asked of it."""
-        means = [cell.estimate(run) for run in range(len(self._sampler.runs))]
+        # The check has let few sessions that failed pass, or none.
+        means = [cell.estimate(run, "omit") for run in range(len(self._sampler.runs))]
         base = means[self._baseline]
         found = [(mean, FLOOR_MTCD) for mean in means]
         for run, mean in enumerate(means):
@@ -163,7 +167,10 @@ class Until:
         self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
         simulated, predicted, seconds_each = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
-        _refuse_failures(name, ~good)
+        words = f"sessions of {name}'s pilot"
+        # Of the pilot no batch is kept.
+        failures = dataclasses.replace(self._failures, kept_in=None)
+        failures.check(np.flatnonzero(~good).tolist(), good.size, words)
         simulated, predicted = simulated[:, good], predicted[:, good]
         slope = np.zeros(len(self._sampler.runs))
         for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
@@ -221,15 +228,6 @@ class Until:
             ]
             needs.append(Need(error, *spread))
         return needs
-
-
-def _refuse_failures(name: str, failed: Any) -> None:
-    if failed.mean() > MOST_FAILED:
-        raise FailedSessionsError(
-            f"{failed.mean():.1%} of {failed.size} sessions of {name} gave no finite "
-            f"number; at most {MOST_FAILED:.1%} may. A head that turns farther than "
-            "the margin from where it started is one cause."
-        )
 
 
 def with_controls(
