@@ -91,8 +91,8 @@ FOLDERS = {
     "envelope": [
         ("measuring", "oracles", "poses"),
         ("cases",),
-        ("curves", "heads", "pictures"),
-        ("runs",),
+        ("curves", "heads", "intervals", "metrics", "pictures"),
+        ("estimators", "runs"),
         ("extremes",),
         ("holes",),
         ("report",),

@@ -222,6 +222,50 @@ def test_pairing_gains_what_sessions_share(rng):
     assert math.isnan(pairing_gain(x, mean_of(np.zeros(4000))))
 
 
+def test_a_session_alone_has_no_error():
+    # It was 0: one session was as sure as could be.
+    alone = mean_of(np.array([np.nan, 3.0]), nan_policy="omit")
+    assert alone.value == 3.0
+    assert math.isnan(alone.standard_error)
+    none = mean_of(np.full(2, np.nan), nan_policy="omit")
+    assert math.isnan(none.value)
+    assert math.isnan(none.standard_error)
+
+
+def test_a_control_keeps_the_digits_of_a_small_spread(rng):
+    # `Y - b T` of the values themselves rounds by b T, 1e6 times what Y is.
+    z = np.round(1000 * rng.normal(size=(2, 60)))
+    y, t = 1 + z * 2.0**-50  # exactly
+    ours = control_variate(y, t, t, 1e6)
+    rest = (z - z.mean(axis=1, keepdims=True)) * 2.0**-50
+    here = np.sum((rest[0] - 1e6 * rest[1]) ** 2)
+    expected = math.sqrt((here + 1e12 * np.sum(rest[1] ** 2)) / 60 / 59)
+    assert ours.standard_error == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_session_that_was_not_predicted_does_not_count(rng):
+    y, t = rng.normal(size=(2, 30))
+    t[3] = np.nan
+    ours = control_variate(y, t, t[:3], 0.5, nan_policy="omit")
+    expected = control_variate(np.delete(y, 3), np.delete(t, 3), t[:3], 0.5)
+    assert ours.value == pytest.approx(expected.value, rel=1e-12)
+    assert ours.standard_error == pytest.approx(expected.standard_error, rel=1e-12)
+
+
+def test_what_pairing_leaves_of_rounding_is_no_variance(flicker):
+    # In proportion but for rounding, they had a gain of 1e32.
+    y = mean_of(flicker[0])
+    assert math.isnan(pairing_gain(mean_of(0.6 * flicker[0]), y))
+    assert pairing_gain(mean_of(0.6 * flicker[0] + 1e-9 * flicker[1]), y) > 1e12
+
+
+def test_late_looks_keep_their_levels():
+    # 1 - 0.025 / 2^k is 1 from the 48th look on.
+    for look in (1, 30, 60, 200):
+        missed = 2 * stats.norm.sf(level_of_look(look))
+        assert missed == pytest.approx(0.05 / 2**look, rel=1e-12)
+
+
 def test_a_figure_of_merit_is_per_relative_error_and_second(flicker):
     x = mean_of(flicker[0])
     relative = x.standard_error / x.value

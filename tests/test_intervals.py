@@ -283,6 +283,55 @@ def test_intervals_stay_in_range_and_repeat_themselves(rng):
     assert mean_interval(x) == found
 
 
+@pytest.mark.parametrize("count", [50, 1000])
+def test_a_spread_far_below_the_mean_keeps_its_digits(rng, count):
+    # `x - R y` of the values themselves cancels: 6 digits were lost at 1e-12.
+    z = np.round(1000 * rng.normal(size=(2, count)))  # exact in steps of 2^-50
+    x, y = 0.5 + z[0] * 2.0**-50, 1 + z[1] * 2.0**-50
+    found = ratio_interval(x, y)
+    rest = (z - z.mean(axis=1, keepdims=True)) * 2.0**-50
+    residual = (rest[0] - found.value * rest[1]) / y.mean()
+    expected = math.sqrt(np.sum(residual**2) / (count - 1) / count)
+    np.testing.assert_allclose(found.standard_error, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-3, 1.0, 1e6])
+def test_what_is_no_spread_is_relative_to_the_sessions(rng, size):
+    # It was below 1e-13 code values, so that small sessions had no error.
+    z = rng.normal(size=60)
+    of = lambda size: mean_interval(size * (1 + 1e-6 * z))
+    np.testing.assert_allclose(
+        of(size).standard_error, size * of(1.0).standard_error, rtol=1e-8
+    )
+    assert "no spread" in mean_interval(size * (1 + 1e-15 * z)).method
+
+
+@pytest.mark.parametrize("count", range(1, 60))
+def test_equal_sessions_have_exactly_their_mean(count):
+    # A sum of rounded numbers over their count was off: 3 times 0.05 had a ratio.
+    for level in (0.1, 1 / 3, intervals.MIN_BASELINE_MTCD):
+        y = np.full(count, level)
+        assert mean_interval(y).value == level
+    for found in (
+        ratio_interval(y, y),
+        geometric_mean_ratio(y[None], y[None]),
+        log_ratio_derivative_interval(y, y, y, y),
+    ):
+        assert found.method == "no flicker to remove"
+
+
+def test_the_mean_of_the_known_sessions_is_that_of_the_others_left_out(rng):
+    x = rng.normal(size=(3, 40))
+    known = rng.random((3, 40)) < 0.5
+    known[2] = False
+    mean, rest = intervals.centred(np.where(known, x, np.nan), known)
+    for row in range(2):
+        assert mean[row] == pytest.approx(x[row, known[row]].mean(), rel=1e-14)
+    np.testing.assert_array_equal(rest[~known], 0)
+    np.testing.assert_allclose((mean[:, None] + rest)[known], x[known], rtol=1e-14)
+    assert mean[2] == 0
+
+
 def test_shapes_must_agree():
     with pytest.raises(ValueError, match=r"one shape, got \(3,\) and \(4,\)"):
         intervals._paired(np.ones(3), np.ones(4))

@@ -141,6 +141,27 @@ def test_mse_has_a_gradient_everywhere(rng):
     np.testing.assert_array_equal(gradient, np.zeros((6, 5, 3)))
 
 
+@pytest.mark.parametrize("name", ["rmsd", "psnr", "snr"])
+@pytest.mark.parametrize("level", [0.0, 0.5])
+def test_errors_of_identical_pictures_have_a_gradient_of_0(name, level):
+    # A root or a logarithm of 0 made it NaN.
+    picture = jnp.full((2, 2, 3), level)
+    gradients = jax.grad(getattr(metrics, name), (0, 1))(picture, picture)
+    np.testing.assert_array_equal(gradients, np.zeros((2, 2, 2, 3)))
+
+
+def test_ratios_of_black_and_of_the_smallest_errors_are_right():
+    black = jnp.zeros((2, 2, 3), jnp.float32)
+    assert metrics.snr(black, black) == np.inf
+    assert metrics.snr(black + 1, black) == -np.inf
+    gradient = jax.grad(metrics.snr, 1)(black + 1, black)
+    assert np.isfinite(gradient).all()
+    # 255^2 over an error of 1e-34 is more than float32 holds.
+    tiny = np.float32(1e-17)
+    expected = 20 * np.log10(255 / 1e-17)
+    assert metrics.psnr(black + tiny, black) == pytest.approx(expected, rel=1e-6)
+
+
 # --- published values ---
 
 

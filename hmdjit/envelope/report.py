@@ -19,7 +19,18 @@ from .. import quaternion
 from ..camera import Camera
 from ..frame import rebased_motion
 from ..studies import drawing
-from . import cases, curves, extremes, heads, holes, pictures, runs
+from . import (
+    cases,
+    curves,
+    estimators,
+    extremes,
+    heads,
+    holes,
+    intervals,
+    metrics,
+    pictures,
+    runs,
+)
 from . import oracles as exact
 from .measuring import DIGITS, Case, Row, Run, distance, exact_numbers, measure
 from .poses import IDENTITY, poses_of, product, unit
@@ -265,10 +276,14 @@ def entries() -> list[Case | Run]:
         *pictures.cases(),
         *curves.cases(),
         *heads.cases(),
+        *metrics.cases(),
         *curves.runs(),
+        *metrics.runs(),
         *runs.runs(),
         *extremes.runs(),
         *holes.runs(),
+        *intervals.runs(),
+        *estimators.runs(),
     ]
 
 

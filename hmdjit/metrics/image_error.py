@@ -1,8 +1,11 @@
 """Errors of a picture against a reference: MSE, RMSD, PSNR, SNR.
 
 All take values on whatever scale they are given and average over pixels and channels.
-PSNR and SNR of identical pictures are infinite: average MSE over frames first.
+PSNR and SNR of identical pictures are infinite: average MSE over frames first. The
+gradients of RMSD, PSNR and SNR there are chosen as exactly 0.
 """
+
+import math
 
 import jax
 import jax.numpy as jnp
@@ -21,16 +24,31 @@ def mse(test: Numbers, reference: Numbers) -> Scalar:
 @jax.jit
 def rmsd(test: Numbers, reference: Numbers) -> Scalar:
     """Root of the mean squared error; any one shape."""
-    return jnp.sqrt(mse(test, reference))
+    error = mse(test, reference)
+    is_zero = error == 0
+    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
+    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, error)))
 
 
 @jax.jit
 def psnr(test: Numbers, reference: Numbers) -> Scalar:
     """Peak signal-to-noise ratio `10 log10(255^2 / MSE)`, dB; inf if equal."""
-    return 10 * jnp.log10(PEAK**2 / mse(test, reference))
+    # Logarithms apart: the quotient of a small error is too large for float32.
+    return 20 * math.log10(PEAK) - 10 * _log10(mse(test, reference))
 
 
 @jax.jit
 def snr(test: Numbers, reference: Numbers) -> Scalar:
-    """Signal-to-noise ratio `10 log10(mean(reference^2) / MSE)`, dB; inf if equal."""
-    return 10 * jnp.log10(jnp.mean(reference**2) / mse(test, reference))
+    """Signal-to-noise ratio `10 log10(mean(reference^2) / MSE)`, dB; inf if equal.
+
+    -inf of any other picture than black to black.
+    """
+    error = mse(test, reference)
+    ratio = 10 * (_log10(jnp.mean(reference**2)) - _log10(error))
+    return jnp.where(error == 0, jnp.inf, ratio)
+
+
+def _log10(power: Scalar) -> Scalar:
+    """Logarithm; of 0 it is -inf, with a gradient of 0."""
+    is_zero = power == 0
+    return jnp.where(is_zero, -jnp.inf, jnp.log10(jnp.where(is_zero, 1.0, power)))

@@ -31,10 +31,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval, NanPolicy
+from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval, NanPolicy, centred
 
 FLOOR_MTCD = 0.005
 """Code values; no tolerance is below it, so that a uniform picture terminates."""
+
+_ROUNDING = 1e-13  # of a standard error: what pairing leaves of it is no spread
 
 Sessions = Float[np.ndarray, " session"]
 Paths = Float[np.ndarray, " path"]
@@ -69,6 +71,8 @@ def mean_of(
 ) -> Estimate:
     """Mean over the sessions of one sample, times a number.
 
+    A single session has no known influence: its standard error is NaN.
+
     **Arguments:** `nan_policy`: sessions that are not finite make all NaN, or are left
     out: they then keep their place, with no influence.
     """
@@ -76,10 +80,11 @@ def mean_of(
     if nan_policy != "omit" and not is_known.all():
         return Estimate(math.nan, (np.full(len(values), math.nan),))
     count = int(is_known.sum())
-    value = float(values[is_known].mean()) if count else math.nan
+    mean, rest = centred(values, is_known)
+    value = scale * float(mean) if count else math.nan
     # As a variance divides by n - 1.
-    each = scale * (values - value) / math.sqrt(max(count * (count - 1), 1))
-    return Estimate(scale * value, (np.where(is_known, each, 0.0),))
+    unit = scale / math.sqrt(count * (count - 1)) if count > 1 else math.nan
+    return Estimate(value, (unit * rest,))
 
 
 def control_variate(
@@ -102,9 +107,16 @@ def control_variate(
     if slope == 0 or len(paths) == 0:
         plain = mean_of(simulated, nan_policy=nan_policy)
         return Estimate(plain.value, (*plain.influences, np.zeros(0)))
-    here = mean_of(simulated - slope * predicted, nan_policy=nan_policy)
-    there = mean_of(paths, slope)
-    return Estimate(here.value + there.value, (*here.influences, *there.influences))
+    known = np.isfinite(simulated) & np.isfinite(predicted)
+    y, t = (
+        mean_of(np.where(known, x, np.nan), nan_policy=nan_policy)
+        for x in (simulated, predicted)
+    )
+    there = mean_of(paths)
+    # Influences are combined: sessions' own differences would lose a small spread.
+    here = combined([1.0, -slope], [y, t])
+    value = y.value + slope * (there.value - t.value)
+    return Estimate(value, (*here.influences, slope * there.influences[0]))
 
 
 def combined(weights: Sequence[float], estimates: Sequence[Estimate]) -> Estimate:
@@ -131,12 +143,14 @@ def ratio(x: Estimate, y: Estimate) -> Estimate | None:
 def pairing_gain(x: Estimate, y: Estimate) -> float:
     """Variance of a ratio with sessions of their own for x and y, over the paired one.
 
-    NaN where there is no ratio, or no variance.
+    NaN where there is no ratio, or pairing leaves no variance but of rounding.
     """
     paired = ratio(x, y)
-    if paired is None or paired.standard_error == 0:
+    if paired is None:
         return math.nan
     alone = math.hypot(x.standard_error, paired.value * y.standard_error) / y.value
+    if not paired.standard_error > _ROUNDING * alone:
+        return math.nan
     return (alone / paired.standard_error) ** 2
 
 
@@ -199,7 +213,7 @@ def level_of_look(look: int) -> float:
     many looks there are (the union bound). The first, which nearly always is the last,
     has 2.24 standard errors where a single one would have 1.96.
     """
-    return float(stats.norm.ppf(1 - 0.025 / 2**look))
+    return float(stats.norm.isf(0.025 / 2**look))
 
 
 def figure_of_merit(estimate: Estimate, seconds: float) -> float:

@@ -33,7 +33,7 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 from scipy import stats
 
 from .. import _checks
@@ -63,6 +63,10 @@ Subjects = Shaped[np.ndarray, " session"]
 Z95 = float(stats.norm.ppf(0.975))
 """Half-width of a normal 95 % interval, in standard errors."""
 
+_NO_SPREAD = 1e-13
+"""Of the sessions' size: what they differ by is rounding, and resampling would only
+show that."""
+
 _FEW_SESSIONS = 50
 _FEW_SUBJECTS = 5
 _REPLICATES = 2000
@@ -83,6 +87,22 @@ class Interval:
     def half_width(self) -> float:
         """Half the interval's length."""
         return (self.high - self.low) / 2
+
+
+def centred(
+    x: Float[np.ndarray, "*rows session"], known: Bool[np.ndarray, "*rows session"]
+) -> tuple[Float[np.ndarray, "*rows"], Float[np.ndarray, "*rows session"]]:
+    """Mean of the known sessions, and how far each is from it: 0 where not known.
+
+    Both are right to rounding however far the spread lies below the mean: equal
+    sessions have exactly their mean. Where none is known it is 0.
+    """
+    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
+    over = lambda values: np.where(known, values, 0.0).sum(-1, keepdims=True) / count
+    mean = over(x)
+    mean = mean + over(x - mean)  # what a sum of large numbers had lost
+    rest = x - mean  # exact where they are close
+    return mean[..., 0], np.where(known, rest - over(rest), 0.0)
 
 
 def mean_interval(
@@ -107,8 +127,9 @@ def mean_interval(
     x, clusters = _finite(x, clusters)
     if x.shape[1] == 0:
         return _none(NO_SESSION)
-    value = float(x.mean())
-    return _interval(value, x[0] - value, x, lambda means: means[0], clusters, "normal")
+    (value,), (rest,) = centred(x, np.isfinite(x))
+    statistic = lambda means: means[0]
+    return _interval(value, rest, np.abs(x[0]), x, statistic, clusters, "normal")
 
 
 def ratio_interval(
@@ -135,15 +156,18 @@ def ratio_interval(
     data = _paired(x, y)
     if failure := _failure(data, nan_policy):
         return _none(failure)
-    (x, y), clusters = _finite(data, clusters)
-    if x.size == 0:
+    data, clusters = _finite(data, clusters)
+    if data.size == 0:
         return _none(NO_PAIR)
-    if not y.mean() > MIN_BASELINE_MTCD:
+    (x_mean, y_mean), (dx, dy) = centred(data, np.isfinite(data))
+    if not y_mean > MIN_BASELINE_MTCD:
         return _none(NO_FLICKER)
-    value = float(x.mean() / y.mean())
-    influence = (x - value * y) / y.mean()
+    value = x_mean / y_mean
+    # `x - R y`, of what is left without the means, which would cancel.
+    influence = (dx - value * dy) / y_mean
+    size = (np.abs(data[0]) + np.abs(value * data[1])) / y_mean
     statistic = lambda means: means[0] / means[1]
-    return _interval(value, influence, np.stack([x, y]), statistic, clusters, "delta")
+    return _interval(value, influence, size, data, statistic, clusters, "delta")
 
 
 def log_ratio_derivative_interval(
@@ -176,15 +200,14 @@ def log_ratio_derivative_interval(
     data, _ = _finite(data, None)
     if data.shape[1] == 0:
         return _none(NO_PAIR)
-    x_mean, y_mean, dx_mean, dy_mean = data.mean(axis=1)
+    (x_mean, y_mean, dx_mean, dy_mean), rest = centred(data, np.isfinite(data))
     if not (x_mean > 0 and y_mean > MIN_BASELINE_MTCD):
         return _none(NO_FLICKER)
     of_x, of_y = dx_mean / x_mean, dy_mean / y_mean
-    influence = (data[2] - of_x * data[0]) / x_mean - (
-        data[3] - of_y * data[1]
-    ) / y_mean
+    weights = np.array([-of_x / x_mean, of_y / y_mean, 1 / x_mean, -1 / y_mean])
+    influence, size = weights @ rest, np.abs(weights) @ np.abs(data)
     statistic = lambda means: means[2] / means[0] - means[3] / means[1]
-    return _interval(float(of_x - of_y), influence, data, statistic, None, "delta")
+    return _interval(of_x - of_y, influence, size, data, statistic, None, "delta")
 
 
 def geometric_mean_ratio(
@@ -216,24 +239,28 @@ def geometric_mean_ratio(
         return _none(failure)
     x, y = data
     both = np.isfinite(x) & np.isfinite(y)
-    # A ratio of means is a ratio of sums, to which a session left out adds 0.
-    x, y = np.where(both, x, 0.0), np.where(both, y, 0.0)
-    has_ratio = y.sum(axis=1) > MIN_BASELINE_MTCD * both.sum(axis=1)
+    (x_mean, dx), (y_mean, dy) = centred(x, both), centred(y, both)
+    has_ratio = y_mean > MIN_BASELINE_MTCD
     if not has_ratio.any():
         return _none(NO_FLICKER if both.any() else NO_PAIR)
     seen = both[has_ratio].any(axis=0)
-    x, y = x[has_ratio][:, seen], y[has_ratio][:, seen]
+    # A ratio of means is a ratio of sums, to which a session left out adds 0.
+    x, y, dx, dy = (
+        np.where(both, of, 0.0)[has_ratio][:, seen] for of in (x, y, dx, dy)
+    )
     clusters = None if clusters is None else np.asarray(clusters)[seen]
-    scenes, x_mean = len(x), x.mean(axis=1)
-    ratio = x_mean / y.mean(axis=1)
+    scenes, ratio = len(x), x_mean[has_ratio] / y_mean[has_ratio]
     if not ratio.all():
         bound = 0.0 if x.shape[1] > 1 else math.nan
         return Interval(0.0, bound, bound, bound, "exact: a scene without any flicker")
-    influence = np.mean((x - ratio[:, None] * y) / x_mean[:, None], axis=0)
+    x_mean = x.mean(axis=1, keepdims=True)
+    influence = np.mean((dx - ratio[:, None] * dy) / x_mean, axis=0)
+    size = np.mean((np.abs(x) + np.abs(ratio[:, None] * y)) / x_mean, axis=0)
     statistic = lambda means: np.mean(np.log(means[:scenes] / means[scenes:]), axis=0)
     log = _interval(
-        float(np.log(ratio).mean()),
+        np.log(ratio).mean(),
         influence,
+        size,
         np.concatenate([x, y]),
         statistic,
         clusters,
@@ -275,13 +302,17 @@ def _none(reason: str) -> Interval:
 def _interval(
     value: float,
     influence: np.ndarray,
+    size: np.ndarray,
     data: np.ndarray,
     statistic: Callable[[np.ndarray], np.ndarray],
     clusters: np.ndarray | None,
     asymptotic: str,
 ) -> Interval:
-    """Interval of `statistic(means of data over sessions)`, as the module describes."""
-    count = influence.size
+    """Interval of `statistic(means of data over sessions)`, as the module describes.
+
+    **Arguments:** `size`: of the terms that each influence is a difference of.
+    """
+    value, count = float(value), influence.size
     suffix = f", {count} session" + "s" * (count > 1)
     subjects = None if clusters is None else np.unique(clusters)
     if subjects is not None and len(subjects) < _FEW_SUBJECTS:
@@ -289,8 +320,7 @@ def _interval(
         suffix, subjects = f"{suffix}: {WINDOWS_ONLY}", None
     if count == 1:
         return Interval(value, math.nan, math.nan, math.nan, f"no interval{suffix}")
-    # Equal up to rounding: resampling would only show the rounding.
-    if np.abs(influence).max() <= 1e-13 * max(1.0, abs(value)):
+    if np.abs(influence).max() <= _NO_SPREAD * size.max():
         return Interval(value, value, value, 0.0, f"no spread{suffix}")
     if subjects is None and count >= _FEW_SESSIONS:
         error = float(np.std(influence, ddof=1)) / math.sqrt(count)
