@@ -1,6 +1,9 @@
 import csv
 import dataclasses
+import importlib
+import inspect
 import math
+import re
 
 import jax
 import jax.numpy as jnp
@@ -199,3 +202,44 @@ def test_the_oracles_of_a_discretised_process_obey_its_differential_equation():
         np.testing.assert_allclose(
             slope.astype(float), expected.astype(float), rtol=1e-14
         )
+
+
+# Public functions with numbers for an answer that have no entry, and why.
+NO_ENTRY = {
+    "camera.displacing": "the parts of displacement",
+    "camera.displacement_bound": "the largest of displacement_range",
+    "blending.usable": "whole: true or false",
+    "resampling.texels": "copies",
+    "resampling.picture": "copies",
+    "sample_patterns.centre": "constants",
+    "sample_patterns.multisample": "constants",
+    "sample_patterns.ordered_grid": "constants",
+    "sample_patterns.halton": "radical_inverse",
+    "theory.has_theory": "whole: true or false",
+    "metrics.pair_distance": "the parts of mtcd",
+    "estimators.combined": "in control_variate and ratio",
+    "estimators.figure_of_merit": "two products",
+    "estimators.no_ratio": "NaN",
+    "intervals.centred": "in every interval",
+}
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("quaternion", "camera", "blending", "color", "resampling"),
+        *("sample_patterns", "theory", "metrics"),
+        *("studies.intervals", "studies.estimators"),
+    ],
+)
+def test_every_public_function_is_in_the_table_or_has_a_reason(module):
+    public = importlib.import_module(f"hmdjit.{module}")
+    short = module.split(".")[-1]
+    entries = " ".join(ENTRIES)
+    for name, thing in vars(public).items():
+        own = inspect.unwrap(thing) if callable(thing) else None
+        is_own = getattr(own, "__module__", "").startswith(public.__name__)
+        if name.startswith("_") or not is_own or inspect.isclass(own):
+            continue
+        is_told = f"{short}.{name}" in NO_ENTRY
+        assert is_told or re.search(rf"\b{name}\b", entries), f"{short}.{name}"
