@@ -287,6 +287,7 @@ def cases() -> list[Case]:
             _no_underflow(rated, 1e-17),
             eps(16, 32),
             slope_floor=1.0,
+            is_slow=True,
         ),
         Case(
             "HeadMotion.increment_covariance",

@@ -50,10 +50,7 @@ def table(rows: Sequence[Row], width: int = 80) -> Table:
     if is_wide:
         found.add_column("range")
     found.add_column("dtype", no_wrap=True)
-    for name in ("error", "bound"):
-        found.add_column(name, justify="right", no_wrap=True)
-    found.add_column("unit", no_wrap=True)
-    for name in ("slope, eps", "bound"):
+    for name in ("error", "bound", "slope,\neps", "bound"):
         found.add_column(name, justify="right", no_wrap=True)
     found.add_column("holds", no_wrap=True)
     last = ""
@@ -64,9 +61,8 @@ def table(rows: Sequence[Row], width: int = 80) -> Table:
             "" if is_same else row.name,
             *["" if is_same else row.over] * is_wide,
             row.dtype,
-            *(number(x) for x in (row.error, row.bound)),
-            row.unit,
-            *(number(x) for x in (row.gradient, row.gradient_bound)),
+            f"{row.error:.2g} {row.unit}",
+            *(number(x) for x in (row.bound, row.gradient, row.gradient_bound)),
             "yes" if row.holds else "NO",
             style="" if row.holds else "bold",
         )

@@ -93,7 +93,7 @@ def ranges(rng: _Rng, dtype: str, quick: bool) -> _Found:
         )
         beyond = np.maximum(span[0][:, None] - moved, moved - span[1][:, None])
         error = float(np.max(np.where(in_front, beyond, -np.inf), initial=0.0))
-        worst.add(max(error, 0.0), f"{angle!r} rad at {fov} deg")
+        worst.add(abs(error), f"{angle!r} rad at {fov} deg")
     return worst.found
 
 
