@@ -16,7 +16,6 @@ from ._files import written_atomically
 from ._version import __version__
 from .cli_options import shown
 from .head_motion import HeadMotion, Trace, fitting, presets, spectra, statistics
-from .head_motion.parameters import AXES
 from .head_motion.statistics import Goodness
 from .studies import head_figure, head_report
 from .studies.definition import HEAD, head_model
@@ -158,7 +157,6 @@ def _fit(command: Fit, console: rich.console.Console) -> None:
     recordings = command.recordings
     traces = recordings.read(console)
     segments, rate_hz = recordings.still(console, traces)
-    _check_moves(segments)
     console.print(
         "Fitting orders 0, 1 and 2, of which held-out data choose one: some minutes."
         if command.order is None
@@ -181,15 +179,6 @@ def _fit(command: Fit, console: rich.console.Console) -> None:
     console.print(
         f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
     )
-
-
-def _check_moves(segments: list[Trace]) -> None:
-    moves = [np.any(spectra.Turns.of(one).angle_deg, axis=0) for one in segments]
-    for axis, does_move in zip(AXES, np.any(moves, axis=0), strict=True):
-        if not does_move:
-            raise ValueError(
-                f"traces must move in all axes to be fitted, none does in {axis}."
-            )
 
 
 def _about(

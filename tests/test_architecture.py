@@ -56,7 +56,7 @@ FOLDERS = {
         ("process",),
         ("presets", "spectra"),
         ("statistics", "whittle"),
-        ("moments",),
+        ("moments", "scoring"),
         ("fitting",),
     ],
     "scenes": [("base",), ("*",), ("study_set",)],

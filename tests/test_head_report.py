@@ -93,12 +93,12 @@ def test_a_fit_is_tabled_with_all_its_numbers_errors_and_intervals():
     assert "held-out data by order: 0: 0.3000, 1: 0.2100, 2: 0.2000." in text
 
 
-def test_numbers_that_were_not_fitted_say_so():
+def test_numbers_that_recordings_do_not_tell_say_so():
     error = fit().standard_error
     unknown = eqx.tree_at(lambda head: head.return_time_s, error, np.nan)
     text = printed(head_report.print_fit, fit(standard_error=unknown))
     line = next(line for line in text.splitlines() if "return_time_s" in line)
-    assert line.split() == ["return_time_s", "3.715", "not", "fitted"]
+    assert line.split() == ["return_time_s", "3.715", "not", "told"]
 
 
 def test_a_given_order_says_so():

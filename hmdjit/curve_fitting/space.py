@@ -3,6 +3,8 @@
 A point of a space is a vector of any real numbers; all of them stand for a technique
 within the bounds of Kim et al.'s equations: `0 <= w_lb <= w_min <= 1`, `h_max > 0`,
 past samples of rising closeness in `[0, 1]` with weights that do not fall and sum to 1.
+Coordinates count no farther than 46 from 0, infinite ones too: there a share is within
+1e-20 of its bounds, and numbers without a bound lie between 1e-20 and 1e20.
 """
 
 import equinox as eqx
@@ -21,6 +23,7 @@ MOST_SAMPLES = 4
 
 _EASE_RISES, _LOCAL_RISES = 6, 4  # increments of splines
 _NEAREST = 1e-3  # to a bound, where a search starts
+_FARTHEST = 46.0  # coordinate; beyond it exp leaves what float32 holds
 _FAR = 5.0  # in logarithms: what is farther is not known at all
 _LEAST_EXPONENT = 0.5
 _LEAST = {"h_max_deg_s": 0.0, "ease.exponent": _LEAST_EXPONENT}
@@ -80,16 +83,22 @@ class CurveSpace(eqx.Module):
         return _LOCAL_RISES if self.localization == "spline" else 0
 
     def natural(self, point: Point) -> Float[Array, " names"]:
-        """Return the numbers that a point stands for, in the order of `names`."""
-        left = iter(point)
+        """Return the numbers that a point stands for, in the order of `names`.
+
+        **Accuracy:** relative to each number, however near 0; gradients are finite,
+        and 0 beyond the farthest coordinates.
+        """
+        left = iter(jnp.clip(point, -_FARTHEST, _FARTHEST))
         take = lambda count: [next(left) for _ in range(count)]
         w_min, below, log_h_max = take(3)
         w_min = jax.nn.sigmoid(w_min)
         numbers = [w_min, w_min * jax.nn.sigmoid(below), jnp.exp(log_h_max)]
-        away = jnp.ones((), point.dtype)
+        closer, away = jnp.zeros((), point.dtype), jnp.ones((), point.dtype)
         for step in take(self.samples):
-            away = away * jax.nn.sigmoid(-step)  # each is closer than the one before
-            numbers.append(1 - away)
+            # Each is closer than the one before; `1 - away` would lose small ones.
+            closer = jnp.minimum(closer + away * jax.nn.sigmoid(step), 1.0)
+            away = away * jax.nn.sigmoid(-step)
+            numbers.append(closer)
         if self.samples > 1:
             weights = jnp.cumsum(_simplex(take(self.samples - 1)))
             numbers += list(weights / jnp.sum(weights))
@@ -176,6 +185,8 @@ class CurveSpace(eqx.Module):
         if self.samples > 1:
             raw = technique.weights or technique.closeness
             weights = sorted(float(w) for w in raw)
+            if not any(weights):  # all at d = 0: they count alike
+                weights = [1.0] * len(weights)
             weights += [weights[-1]] * (self.samples - len(weights))
             point += _log_ratios(np.diff(weights, prepend=0.0))
         if self.family == "power":

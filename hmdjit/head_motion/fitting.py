@@ -14,11 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.stats
-from jaxtyping import Array, Float64, Int
+from jaxtyping import Float64
 
 from .. import _checks
 from . import moments, spectra, whittle
+from .parameters import AXES
 from .process import HeadMotion
+from .scoring import Scoring
 from .spectra import Periodograms
 from .trace import Trace
 from .whittle import ORDERS, Data, Search
@@ -40,9 +42,11 @@ class Fit(NamedTuple):
     """A fitted head, and how sure it is.
 
     - `head`: the model.
-    - `standard_error`: of each of its numbers, in the same places; NaN where a number
-      was not fitted.
-    - `low`, `high`: 95 % intervals in the same places, NaN likewise.
+    - `standard_error`: of each of its numbers, in the same places; NaN where the
+      recordings do not tell it: where it was not fitted, or ended at a bound of its
+      search (within 0.5 % of the range of its logarithm), so that it may lie beyond.
+    - `low`, `high`: 95 % intervals in the same places, within the bounds of the search;
+      NaN likewise.
     - `clusters`: what the errors are over, in words.
     - `held_out_deviance`: by order, its mean per window, frequency and axis of data
       that were left out; empty when the order was given.
@@ -79,7 +83,8 @@ def fit(
     - `max_speed_deg_s`: what is still, see `Trace.still_segments`.
 
     **Errors:** `NotEnoughDataError`, a `ValueError`, for less than 30 s of still data
-    or 8 windows of 4 s; `ValueError` for mixed rates and `order`.
+    or 8 windows of 4 s; `ValueError` for mixed rates, `order`, subjects that do not
+    move in some axis, and resonances at rates below 1.6 Hz.
 
     **Source:** Whittle's likelihood, debiased (Sykulski et al., Biometrika 106(2),
     2019), of the spectrum of sampled frame differences.
@@ -89,6 +94,7 @@ def fit(
     segments, rate_hz = still_data(traces, max_speed_deg_s)
     periodograms = Periodograms.of(segments, rate_hz)
     _check_amount(traces, segments, periodograms)
+    _check_moves(periodograms)
     orders = ORDERS if order is None else (order,)
     found = {
         order: whittle.best_search(whittle.data_of(periodograms, order), order)
@@ -146,6 +152,18 @@ def _check_amount(
         )
 
 
+def _check_moves(periodograms: Periodograms) -> None:
+    """Refuse axes without any power: no model has a likelihood there."""
+    moves = np.all(periodograms.by_subject() > 0, axis=1)
+    for axis, of_subjects in zip(AXES, moves.T, strict=True):
+        if not of_subjects.all():
+            still = np.array(periodograms.subjects)[~of_subjects]
+            who = f"{still[0]} does not" if of_subjects.any() else "none does"
+            raise ValueError(
+                f"traces must move in all axes to be fitted, {who} in {axis}."
+            )
+
+
 # --- the order ---
 
 
@@ -196,7 +214,7 @@ def _estimate(
     rate_hz, subjects = periodograms.rate_hz, len(periodograms.subjects)
     over_subjects = subjects >= _MIN_SUBJECTS
     data = whittle.data_of(periodograms, order)
-    values = np.exp(np.asarray(whittle.log_values(search, data), float))
+    values = np.exp(_log_values(search, data))
     head = whittle.head_of(values, moments.DEFAULT_RETURN_TIME_S)
     log_scale = np.asarray(whittle.centred(search, data), float)
     scale = dict(zip(periodograms.subjects, np.exp(log_scale).tolist(), strict=True))
@@ -207,27 +225,28 @@ def _estimate(
     # The spring takes a little from the lowest frequencies: fit again with it.
     data = whittle.data_of(periodograms, order, returned.value)
     search = whittle.refine(search, data)
-    log_values = np.asarray(whittle.log_values(search, data), float)
-    if not np.all(np.isfinite(log_values)):
-        raise ValueError(
-            "traces must move so that a model can be fitted, but the search found no "
-            "finite numbers."
-        )
-    scoring = _Scoring.of(periodograms, search, data)
+    log_values = _log_values(search, data)
+    at_bound = whittle.at_bound(log_values, data)
+    # What ended at a bound is held there: the others are as sure as beside it.
+    scoring = Scoring.of(periodograms, search, data).without(at_bound.ravel())
+    is_told = scoring.told(log_values.size).reshape(log_values.shape)
+    speeds = [0, *range(3, len(log_values), 3)]
     cluster = np.arange(len(periodograms.subject))
     person = _Spread(_PERSON_SD)
     if over_subjects:
         cluster = periodograms.subject
         log_scale = np.asarray(whittle.centred(search, data), float)
-        person = _person_sd(log_scale, scoring.noise(log_values.size))
+        if is_told[speeds].any():
+            person = _person_sd(log_scale, scoring.noise(log_values.size))
     pulls = scoring.jackknife(cluster)[:, : log_values.size]
     pulls = pulls.reshape(-1, *log_values.shape)
     if over_subjects:
         # A subject brings its scale, which all speeds share.
-        speeds = [0, *range(3, len(log_values), 3)]
         pulls[:, speeds] += log_scale[:, None, None] / (subjects - 1)
     clusters = len(pulls)
     log_error = np.sqrt(np.sum(pulls**2, axis=0) * (clusters - 1) / clusters)
+    log_error = np.where(is_told, log_error, np.nan)
+    bounds = np.asarray(data.log_bounds, float)[..., None]
     quantile = float(scipy.stats.t.ppf((1 + _LEVEL) / 2, clusters - 1))
 
     values = np.exp(log_values)
@@ -244,10 +263,15 @@ def _estimate(
     low, high = (
         _in_place(
             head,
-            values * np.exp(step * log_error),
-            returned.value * np.exp(step * returned.error),
+            np.exp(np.clip(log_values + step * log_error, *bounds)),
+            float(
+                np.clip(
+                    returned.value * np.exp(step * returned.error),
+                    *moments.RETURN_TIMES_S,
+                )
+            ),
             person_end,
-            np.maximum(bursts.value + step * bursts.error, 0.0),
+            float(np.clip(bursts.value + step * bursts.error, *moments.AMPLITUDE_SDS)),
         )
         for step, person_end in ((-quantile, person.low), (quantile, person.high))
     )
@@ -259,82 +283,33 @@ def _estimate(
     return head, errors, low, high, kind
 
 
+def _log_values(search: Search, data: Data) -> Float64[np.ndarray, "parameters 3"]:
+    log_values = np.asarray(whittle.log_values(search, data), float)
+    if not np.all(np.isfinite(log_values)):
+        raise ValueError(
+            "traces must move so that a model can be fitted, but the search found no "
+            "finite numbers."
+        )
+    return log_values
+
+
 def _person_sd(
     log_scale: Float64[np.ndarray, " subjects"],
     noise: Float64[np.ndarray, " subjects"],
 ) -> _Spread:
-    """Spread of the subjects' scales, beyond what each is uncertain by."""
+    """Spread of the subjects' scales, beyond what each is uncertain by.
+
+    Where nothing is left beyond that it ends at its bound, 0, and is not told.
+    """
     freedom = len(log_scale) - 1
     variance = np.var(log_scale, ddof=1)
     beyond = lambda variance: float(np.sqrt(max(variance - np.mean(noise), 0.0)))
     shares = np.array([(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
+    if not beyond(variance):
+        return _Spread(0.0)
     ends = variance * freedom / scipy.stats.chi2.ppf(shares, freedom)
-    error = variance / np.sqrt(2 * freedom) / max(beyond(variance), 1e-9)
+    error = variance / np.sqrt(2 * freedom) / beyond(variance)
     return _Spread(beyond(variance), float(error), *map(beyond, ends))
-
-
-class _Scoring(NamedTuple):
-    """Fisher scoring at the estimate: numbers are the values, then the scales.
-
-    - `score`: of each window.
-    - `information`: of a window of each subject.
-    - `subject`: of each window.
-    """
-
-    score: Float64[np.ndarray, "windows numbers"]
-    information: Float64[np.ndarray, "subjects numbers numbers"]
-    subject: Int[np.ndarray, " windows"]
-
-    @classmethod
-    def of(cls, periodograms: Periodograms, search: Search, data: Data) -> "_Scoring":
-        expected, gradient = (np.asarray(x, float) for x in _sensitivity(search, data))
-        expected = expected.reshape(len(expected), -1)
-        gradient = gradient.reshape(*expected.shape, -1)
-        subject = periodograms.subject
-        power = periodograms.power.reshape(len(subject), -1)
-        excess = power / expected[subject] - 1
-        score = [e @ gradient[i] for e, i in zip(excess, subject, strict=True)]
-        information = np.stack([g.T @ g for g in gradient])
-        return cls(np.stack(score), information, subject)
-
-    def jackknife(
-        self, cluster: Int[np.ndarray, " windows"]
-    ) -> Float64[np.ndarray, "clusters numbers"]:
-        """How far the estimate moves, in one step, when a cluster is left out."""
-        of_window = self.information[self.subject]
-        whole = of_window.sum(axis=0)
-        moves = []
-        for i in range(cluster.max() + 1):
-            rest = whole - of_window[cluster == i].sum(axis=0)
-            moves.append(_inverse(rest) @ self.score[cluster == i].sum(axis=0))
-        return np.stack(moves)
-
-    def noise(self, values: int) -> Float64[np.ndarray, " subjects"]:
-        """Variance of each subject's scale between its windows."""
-        inverse = _inverse(self.information[self.subject].sum(axis=0))
-        step = self.score @ inverse[:, values:]
-        squared = step[np.arange(len(step)), self.subject] ** 2
-        return np.bincount(self.subject, weights=squared)
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    # The mean of the scales, and that of who was left out, are not determined.
-    return np.linalg.pinv(information, rcond=1e-10, hermitian=True)
-
-
-@eqx.filter_jit
-def _sensitivity(search: Search, data: Data) -> tuple[Array, Array]:
-    """Return expected powers, and their logarithm's gradient by value and scale."""
-
-    def log_expected(values: Array, log_scale: Array) -> Array:
-        scale = whittle.centred(Search(values, log_scale), data)
-        return whittle.log_expected(values, scale, data)
-
-    at = (whittle.log_values(search, data), search.log_scale)
-    gradients = jax.jacfwd(log_expected, (0, 1))(*at)
-    shape = (*data.power.shape, -1)
-    flat = [gradient.reshape(shape) for gradient in gradients]
-    return jnp.exp(log_expected(*at)), jnp.concatenate(flat, axis=-1)
 
 
 def _in_place(

@@ -14,25 +14,25 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float64
 
-from .parameters import Amplitude
+from .parameters import AXES, Amplitude
 from .process import HeadMotion
 from .spectra import Turns
 from .statistics import block_variances, expected_block_variance
 from .trace import Trace
 
 DEFAULT_RETURN_TIME_S = 15.0  # where the recordings are too short to tell
-_RETURN_TIMES_S = (1.0, 100.0)
+RETURN_TIMES_S = (1.0, 100.0)
 _BLOCK_S = 10.0
 _MIN_BLOCKS = 10
 _MAX_LOG_ERROR = 1.0  # an estimate that may be e times too large or small says nothing
 _AMPLITUDE_TIME_S = 0.4  # squared speeds of two axes covary for 0.3 to 0.5 s
-_AMPLITUDE_SDS = (0.0, 1.5)
+AMPLITUDE_SDS = (0.0, 1.5)
 _BURST_BLOCK = 360  # frames, far longer than a burst
 _QUADRATURE = 40
 
 
 class Moment(NamedTuple):
-    """A number and its standard error; NaN where it was not fitted."""
+    """A number and its standard error; NaN where it was not fitted, or is an end."""
 
     value: float
     error: float
@@ -70,10 +70,11 @@ def return_time(
         return float(np.mean(np.log(expected / recorded)))
 
     groups = owners if over_subjects else range(len(pull))
-    root, error = _root(excess, np.log(_RETURN_TIMES_S), _spread(pull, groups))
+    low, high = np.log(RETURN_TIMES_S)
+    root, error = _root(excess, (low, high), _spread(pull, groups))
     if not error <= _MAX_LOG_ERROR:
         return Moment(DEFAULT_RETURN_TIME_S, np.nan)
-    return Moment(float(np.exp(root)), error)
+    return Moment(float(np.exp(root)), error if low < root < high else np.nan)
 
 
 def amplitude(
@@ -83,7 +84,7 @@ def amplitude(
 
     Geary's ratio, of each axis and subject by itself, averaged. It tells a Gaussian
     process (0.798) from one in bursts by the bulk of its velocities, where kurtosis
-    hangs on the few largest bursts.
+    hangs on the few largest bursts. 0, and not told, where that ratio says nothing.
     """
     velocities: dict[str, list[np.ndarray]] = {}
     for segment in segments:
@@ -106,8 +107,12 @@ def amplitude(
         return float(recorded - np.mean(expected))
 
     groups = owners if over_subjects else range(len(ratio))
-    error = _spread(weight * (ratio - recorded), groups)
-    return Moment(*_root(excess, np.array(_AMPLITUDE_SDS), error))
+    low, high = AMPLITUDE_SDS
+    spread = _spread(weight * (ratio - recorded), groups)
+    if excess(high) - excess(low) <= spread:
+        return Moment(low, np.nan)  # the tracker's noise hides any bursts
+    root, error = _root(excess, (low, high), spread)
+    return Moment(root, error if low < root < high else np.nan)
 
 
 def _geary_pseudo_values(
@@ -139,10 +144,14 @@ def geary_ratio(head: HeadMotion, rate_hz: float) -> Float64[np.ndarray, "3"]:
     plus a log-normal one of the spread that `increment_kurtosis` tells; for amplitudes
     up to 0.6 the ratio is then 0.6 % low at most.
     """
+    none = (0.0,) * len(AXES)
+    steady = eqx.tree_at(lambda h: h.tracker_noise_deg, head, none)
+    moved = np.asarray(steady.increment_covariance(0, rate_hz), float)
     tracker = 2 * np.square(np.array(head.tracker_noise_deg, float))
-    moved = 1 - tracker / np.asarray(head.increment_covariance(0, rate_hz), float)
-    kurtosis = np.asarray(head.increment_kurtosis(rate_hz), float)
-    spread = np.sqrt(np.log1p(kurtosis / 3 / moved**2))
+    moved = moved / (moved + tracker)
+    # The tracker's share would cancel: the movement's kurtosis is taken without it.
+    kurtosis = np.asarray(steady.increment_kurtosis(rate_hz), float)
+    spread = np.sqrt(np.log1p(kurtosis / 3))
     levels, weights = np.polynomial.hermite_e.hermegauss(_QUADRATURE)
     shares = np.exp(np.outer(spread, levels) - spread[:, None] ** 2 / 2)
     variance = moved[:, None] * shares + (1 - moved)[:, None]
@@ -159,23 +168,26 @@ def with_amplitude(head: HeadMotion, sd: float) -> HeadMotion:
 
 
 def _spread(pull: Float64[np.ndarray, " units"], groups: Sequence) -> float:
-    """Return the standard error of a sum whose units come in groups."""
+    """Return the standard error of a sum whose units come in groups; NaN of one."""
     _, group = np.unique(np.asarray(groups), return_inverse=True)
     of_group = np.bincount(group, weights=pull)
+    if len(of_group) == 1:
+        return np.nan
     return float(np.sqrt(np.sum(of_group**2) * len(of_group) / (len(of_group) - 1)))
 
 
 def _root(
-    excess: Callable[[float], float], ends: np.ndarray, error: float
+    excess: Callable[[float], float], ends: tuple[float, float], error: float
 ) -> tuple[float, float]:
-    """Root of a rising function and its error; an end, of unknown error, beyond it."""
+    """Root of a rising function, and its error; the nearer end where it is beyond."""
     low, high = map(float, ends)
     if excess(low) >= 0:
-        return low, np.nan
-    if excess(high) <= 0:
-        return high, np.nan
-    root = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))  # pyright: ignore[reportArgumentType]
+        root = low
+    elif excess(high) <= 0:
+        root = high
+    else:
+        root = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))  # pyright: ignore[reportArgumentType]
     step = 1e-2 * (high - low)
     below, above = max(root - step, low), min(root + step, high)
     slope = (excess(above) - excess(below)) / (above - below)
-    return root, error / slope
+    return root, error / slope if slope > 0 else np.nan

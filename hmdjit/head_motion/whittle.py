@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, Float, Float64, Int
+from jaxtyping import Array, Bool, Float, Float64, Int
 
 from .._types import Scalar
 from .parameters import AXES, Amplitude, Resonator
@@ -25,8 +25,9 @@ from .spectra import Periodograms
 
 ORDERS = (0, 1, 2)
 _MAX_STEPS = 100
+_AT_BOUND = 0.005  # of the range of its logarithm: nearer a search may stop anywhere
 
-# Bounds of the search; frequencies also lie below 0.45 of the rate. Windows of 4 s
+# Bounds of the search; frequencies also lie below a share of the rate. Windows of 4 s
 # cannot tell dampings below 0.02 apart.
 _BOUNDS = {
     "speed_rms_deg_s": (1e-3, 30.0),
@@ -35,6 +36,7 @@ _BOUNDS = {
     "frequency_hz": (0.7, 20.0),
     "damping": (0.02, 2.0),
 }
+_HIGHEST_SHARE = 0.45
 # Where the search starts: resonances at these frequencies, as many as the order.
 _STARTS_HZ = {
     0: [()],
@@ -72,11 +74,20 @@ class Data(eqx.Module):
 
 
 def log_bounds(order: int, rate_hz: float) -> Float64[np.ndarray, "2 parameters"]:
-    """Logarithms of the least and largest values."""
+    """Logarithms of the least and largest values.
+
+    **Errors:** `ValueError` for a rate that leaves resonances no frequency.
+    """
+    lowest_hz = _BOUNDS["frequency_hz"][0] / _HIGHEST_SHARE
+    if order and not rate_hz > lowest_hz:
+        raise ValueError(
+            f"rate_hz must be above {lowest_hz:.3g} Hz to fit resonances, got "
+            f"{rate_hz:.3g}; order 0 has none."
+        )
     names = ["speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"]
     names += ["speed_rms_deg_s", "frequency_hz", "damping"] * order
     bounds = np.array([_BOUNDS[name] for name in names]).T
-    bounds[1, 4::3] = np.minimum(bounds[1, 4::3], 0.45 * rate_hz)
+    bounds[1, 4::3] = np.minimum(bounds[1, 4::3], _HIGHEST_SHARE * rate_hz)
     return np.log(bounds)
 
 
@@ -99,10 +110,18 @@ def data_of(
 
 
 def log_values(search: Search, data: Data) -> Values:
-    """Logarithms of the model's numbers, within their bounds."""
-    low, high = data.log_bounds
-    span = (high - low)[:, None]
-    return low[:, None] + span * jax.nn.sigmoid(search.logits)
+    """Logarithms of the model's numbers, within their bounds; any logit is one."""
+    low, high = data.log_bounds[..., None]
+    inside = low + (high - low) * jax.nn.sigmoid(search.logits)
+    return jnp.clip(inside, low, high)
+
+
+def at_bound(
+    log_values: Float64[np.ndarray, "parameters 3"], data: Data
+) -> Bool[np.ndarray, "parameters 3"]:
+    """Which numbers ended at a bound of their search: the truth may lie beyond."""
+    low, high = np.asarray(data.log_bounds, float)[..., None]
+    return np.minimum(log_values - low, high - log_values) < _AT_BOUND * (high - low)
 
 
 def head_of(
