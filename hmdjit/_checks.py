@@ -52,8 +52,13 @@ def in_range(
         left = "(" if open_low or low == -math.inf else "["
         right = ")" if open_high or high == math.inf else "]"
         raise ValueError(
-            f"{name} must lie in {left}{low:g}, {high:g}{right}, got {value:g}."
+            f"{name} must lie in {left}{_written(low)}, {_written(high)}{right}, "
+            f"got {_written(value)}."
         )
+
+
+def _written(value: Any) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def whole(name: str, value: Any, low: int) -> None:

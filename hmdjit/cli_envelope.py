@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import rich.console
 import tyro
 
-from .cli_options import shown
+from .cli_options import check_can_write, shown
 from .studies.study import check_seed
 
 _FOLDER = Path("hmdjit-envelope")
@@ -18,7 +18,7 @@ _FOLDER = Path("hmdjit-envelope")
 class EnvelopeCommand:
     """Measure the numerical envelope: errors of values and gradients at the extremes.
 
-    Holds the functions of its table against answers of 80 digits, over their ranges on
+    Holds the functions of its table against answers of 300 digits, over their ranges on
     a logarithmic scale, in float32 and float64, and says whether stated bounds hold.
     Takes a few minutes; `--quick` less than one.
     """
@@ -38,6 +38,7 @@ COMMANDS: dict[str, Any] = {"envelope": EnvelopeCommand}
 def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
     """Measure, print, write and draw; returns whether every bound holds."""
     check_seed(command.seed)
+    check_can_write(command.out)
     try:
         import mpmath  # noqa: F401
     except ImportError as error:

@@ -1,7 +1,6 @@
 """The command line's `hmdjit trade-off` and `hmdjit pick`."""
 
 import dataclasses
-import os
 import shlex
 import time
 from pathlib import Path
@@ -11,7 +10,7 @@ import rich.console
 import tyro
 
 from . import _checks, techniques
-from .cli_options import Fov, Height, Seed, Width, shown
+from .cli_options import Fov, Height, Seed, Width, check_can_write, shown
 from .studies import (
     choice,
     definition,
@@ -127,7 +126,7 @@ def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
         study, chosen, also=also, is_with_samples=not command.quick
     )
     file = command.out / _CSV.name
-    _check_can_write(command.out)
+    check_can_write(command.out)
     for name in misfits:
         console.print(f"Left out: {name} does not fit the camera.", highlight=False)
     console.print(
@@ -190,12 +189,6 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
     if command.seed:
         words += ["--seed", str(command.seed)]
     return definition.build(options), shlex.join(words)
-
-
-def _check_can_write(folder: Path) -> None:
-    existing = next(place for place in (folder, *folder.parents) if place.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise ValueError(f"out must be a folder that can be written, got {folder}.")
 
 
 class _Lines:

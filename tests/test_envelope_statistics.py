@@ -29,8 +29,7 @@ def test_bounds_of_metrics_hold():
 
 
 def test_residuals_that_cancel_do_not_hold(monkeypatch):
-    def plain(x, known):
-        del known
+    def plain(x):
         return x.mean(axis=-1), x  # as `x - R y` of the values themselves
 
     monkeypatch.setattr(studied, "centred", plain)
@@ -43,7 +42,7 @@ def test_residuals_that_cancel_do_not_hold(monkeypatch):
 def test_the_oracle_of_a_standard_error_is_its_definition(rng):
     x, y = rng.random((2, 7)) + 1
     with mp.workdps(measuring.DIGITS):
-        exact = intervals.Exact.of(
+        exact = intervals.Truth.of(
             0, 1, [2, -3], [intervals.Mean(x), intervals.Mean(y)]
         )
         error, spread = float(exact.error), float(exact.spread)

@@ -324,7 +324,7 @@ def test_the_mean_of_the_known_sessions_is_that_of_the_others_left_out(rng):
     x = rng.normal(size=(3, 40))
     known = rng.random((3, 40)) < 0.5
     known[2] = False
-    mean, rest = intervals.centred(np.where(known, x, np.nan), known)
+    mean, rest = intervals.centred(np.where(known, x, np.nan))
     for row in range(2):
         assert mean[row] == pytest.approx(x[row, known[row]].mean(), rel=1e-14)
     np.testing.assert_array_equal(rest[~known], 0)

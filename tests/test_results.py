@@ -122,8 +122,15 @@ def test_failed_sessions_are_left_out_and_counted_where_that_was_chosen():
     assert cells["head_movement", "geometric mean"].sessions == 80
 
 
-def test_failed_sessions_else_make_what_they_enter_nan():
+def test_older_results_left_out_few_sessions_without_saying_so():
     data = study()
+    assert "omit_failed" not in data.attrs
+    data["mtcd"][1, 0, :5] = np.nan
+    assert by_cell(summarize(data))["head_movement", "astronaut"].sessions == 75
+
+
+def test_failed_sessions_else_make_what_they_enter_nan():
+    data = study(omit_failed=0)
     expected = by_cell(summarize(data))
     data["mtcd"][1, 0, :5] = np.nan
     data["detail_loss"][2, 1, 7] = np.inf

@@ -16,8 +16,8 @@ from .intervals import (
     NO_SPREAD,
     SESSIONS,
     SUMMED,
-    Exact,
     Mean,
+    Truth,
     judge_one,
     scenes,
     sessions,
@@ -62,22 +62,22 @@ def baselines(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-def _of_control(y: np.ndarray, t: np.ndarray, paths: np.ndarray, slope: float) -> Exact:
+def _of_control(y: np.ndarray, t: np.ndarray, paths: np.ndarray, slope: float) -> Truth:
     """As documented: without a slope predictions do not count."""
     if slope == 0:
         a = Mean(y)
-        return Exact.of(a.value, a.size, [1], [a], cut=False)
+        return Truth.of(a.value, a.size, [1], [a], cut=False)
     known, b = np.isfinite(y) & np.isfinite(t), mp.mpf(slope)
     a, c, there = Mean(y[known]), Mean(t[known]), Mean(paths)
     value = a.value + b * (there.value - c.value)
     size = a.size + b * (there.size + c.size)
-    here = Exact.of(value, size, [1, -b], [a, c], cut=False)
+    here = Truth.of(value, size, [1, -b], [a, c], cut=False)
     apart = b * mp.sqrt(there.with_(there))
     error, spread = (mp.hypot(of, apart) for of in (here.error, here.spread))
-    return Exact(value, error, -mp.inf, mp.inf, size, spread)
+    return Truth(value, error, -mp.inf, mp.inf, size, spread)
 
 
-def _judge_estimate(worst: Worst, found: Estimate, exact: Exact, where: str) -> None:
+def _judge_estimate(worst: Worst, found: Estimate, exact: Truth, where: str) -> None:
     judge_one(worst, found.value, exact.value, exact.size, f"value of {where}")
     error = found.standard_error
     if mp.isfinite(exact.error):
@@ -101,7 +101,7 @@ def controls(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-def _of_estimates(x: np.ndarray, y: np.ndarray) -> Exact:
+def _of_estimates(x: np.ndarray, y: np.ndarray) -> Truth:
     """Geometric mean of ratios of means, paired.
 
     As documented: a session that failed in one array has no influence there alone.
@@ -110,10 +110,10 @@ def _of_estimates(x: np.ndarray, y: np.ndarray) -> Exact:
     share = mp.mpf(1) / len(x)
     logs = [mp.log(one.value / two.value) for one, two in zip(a, b, strict=True)]
     weights = [share / one.value for one in a] + [-share / two.value for two in b]
-    log = Exact.of(share * mp.fsum(logs), 0, weights, [*a, *b], cut=False)
+    log = Truth.of(share * mp.fsum(logs), 0, weights, [*a, *b], cut=False)
     value = mp.exp(log.value)
     size = value * (1 + (len(x) > 1) * share * mp.fsum(logs, absolute=True))
-    return Exact(value, value * log.error, -mp.inf, mp.inf, size, size * log.spread)
+    return Truth(value, value * log.error, -mp.inf, mp.inf, size, size * log.spread)
 
 
 def paired_estimates(rng: _Rng, dtype: str, quick: bool) -> _Found:
@@ -134,7 +134,7 @@ def paired_estimates(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-def _judge_gain(worst: Worst, gain: float, exact: Exact, where: str) -> None:
+def _judge_gain(worst: Worst, gain: float, exact: Truth, where: str) -> None:
     """Take in the error of a pairing's gain, in eps of what its errors lose."""
     if not exact.spread or exact.error <= NO_SPREAD * exact.spread:
         worst.add(0.0 if math.isnan(gain) else math.inf, f"gain of {where}")
@@ -161,6 +161,10 @@ def sessions_needed(rng: _Rng, dtype: str, quick: bool) -> _Found:
             left = variances[0] / sessions
             left += variances[1] / paths if variances[1] else 0
             worst.add(max(float(left / error**2 - 1), 0.0) / EPS, f"{needs}, {cost}")
+        hardest = max(needs, key=lambda need: need.session_variance / need.error**2)
+        has_spare = (sessions - 2) * hardest.error**2 >= hardest.session_variance
+        if not paths and has_spare:
+            worst.add(math.inf, f"too many for {needs}")
     return worst.found
 
 

@@ -4,7 +4,8 @@ Sessions are all equal, equal but for 1e-12, of every size, with heavy tails, fa
 part, and paired so well that a ratio does not vary. An error counts in eps of what it
 is rounded from: a value's of the means that it is made of, a standard error's of what
 it would be were nothing paired, a bound's of value and half-width together. So a spread
-must keep its digits however far below the mean it lies.
+must keep its digits however far below the mean it lies. Below 50 sessions intervals are
+resampled: of those only the value is held here, and that there is an interval about it.
 """
 
 import itertools
@@ -30,7 +31,7 @@ NO_SPREAD = 1e-13
 """Documented: of the sessions' size, what counts as no spread."""
 
 
-class Exact(NamedTuple):
+class Truth(NamedTuple):
     """An estimate in many digits, and what its parts are rounded from.
 
     - `value`, `error`, `low`, `high`: as of an `Interval`; infinite of one session.
@@ -54,7 +55,7 @@ class Exact(NamedTuple):
         means: list["Mean"],
         *,
         cut: bool = True,
-    ) -> "Exact":
+    ) -> "Truth":
         """Return an estimate that moves by weights with the means of sessions.
 
         **Arguments:** `cut`: whether what is rounding, as documented, is no spread.
@@ -101,45 +102,45 @@ def _numbers(values: np.ndarray) -> list:
     return [mp.mpf(x) for x in values.tolist()]
 
 
-def _of_mean(values: np.ndarray) -> Exact:
+def _of_mean(values: np.ndarray) -> Truth:
     x = Mean(values[np.isfinite(values)])
-    return Exact.of(x.value, x.size, [1], [x])
+    return Truth.of(x.value, x.size, [1], [x])
 
 
-def _of_ratio(x: np.ndarray, y: np.ndarray) -> Exact:
+def _of_ratio(x: np.ndarray, y: np.ndarray) -> Truth:
     known = np.isfinite(x) & np.isfinite(y)
     a, b = Mean(x[known]), Mean(y[known])
     ratio = a.value / b.value
     weights = [1 / b.value, -ratio / b.value]
-    return Exact.of(ratio, ratio, weights, [a, b])
+    return Truth.of(ratio, ratio, weights, [a, b])
 
 
 def _of_derivative(
     x: np.ndarray, y: np.ndarray, dx: np.ndarray, dy: np.ndarray
-) -> Exact:
+) -> Truth:
     a, b, da, db = (Mean(values) for values in (x, y, dx, dy))
     up, down = da.value / a.value, db.value / b.value
     weights = [-up / a.value, down / b.value, 1 / a.value, -1 / b.value]
     size = da.size / a.value + db.size / b.value
-    return Exact.of(up - down, size, weights, [a, b, da, db])
+    return Truth.of(up - down, size, weights, [a, b, da, db])
 
 
-def _of_geometric_mean(x: np.ndarray, y: np.ndarray) -> Exact:
+def _of_geometric_mean(x: np.ndarray, y: np.ndarray) -> Truth:
     """As documented: a session that a scene lacks adds 0 to its sums."""
     known, share = np.isfinite(x) & np.isfinite(y), mp.mpf(1) / len(x)
     rows = [np.where(known, of, 0.0) for of in (x, y)]
     a, b = ([Mean(row) for row in of] for of in rows)
     logs = [mp.log(one.value / two.value) for one, two in zip(a, b, strict=True)]
     weights = [share / one.value for one in a] + [-share / two.value for two in b]
-    log = Exact.of(share * mp.fsum(logs), 0, weights, [*a, *b])
+    log = Truth.of(share * mp.fsum(logs), 0, weights, [*a, *b])
     value = mp.exp(log.value)
     # A power loses as many eps as its exponent is large.
     size = value * (1 + share * mp.fsum(logs, absolute=True))
     ends = (mp.exp(log.low), mp.exp(log.high))
-    return Exact(value, value * log.error, *ends, size, size * log.spread)
+    return Truth(value, value * log.error, *ends, size, size * log.spread)
 
 
-def _judge(worst: Worst, found: Interval, exact: Exact, where: str) -> None:
+def _judge(worst: Worst, found: Interval, exact: Truth, where: str) -> None:
     """Take in the errors of value, standard error and bounds, in eps."""
     judge_one(worst, found.value, exact.value, exact.size, f"value of {where}")
     ends = found.standard_error, found.low, found.high

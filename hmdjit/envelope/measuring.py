@@ -1,6 +1,6 @@
 """The numerical envelope: how right each function is, and in which range.
 
-A *case* is a function, the exact answer in 80 digits, and inputs that cover its range
+A *case* is a function, the exact answer in 300 digits, and inputs that cover its range
 on a logarithmic scale with the extremes among them. Values are held against the answer,
 and gradients, by reverse and by forward differentiation, against its central
 differences. A *run* is what has no closed answer: a session, a long recursion, a
@@ -24,11 +24,11 @@ from mpmath import mp
 
 from .._files import written_atomically
 
-DIGITS = 80
+DIGITS = 300
 DTYPES = ("float32", "float64")
 
 # Central differences in the oracle err by its square, and cancel so many digits.
-_STEP = mpmath.mpf(10) ** -18
+_STEP = mpmath.mpf(10) ** -45
 Inputs = tuple[np.ndarray, ...]
 Exact = Sequence[Any]
 """Numbers of mpmath: the entries of an answer, flattened."""

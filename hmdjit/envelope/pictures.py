@@ -292,7 +292,7 @@ def readers() -> list[Case]:
             is_slow=True,
         ),
     ]
-    for name, read in (("", resampling.bilinear), (" by slices", _by_slices)):
+    for name, read in (("", resampling.bilinear), ("_by_slices", _by_slices)):
         found.append(
             Case(
                 f"{bilinear[0]}{name}",

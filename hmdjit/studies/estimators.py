@@ -26,11 +26,13 @@ error. Sums and ratios of estimates then have theirs, whatever sessions they sha
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from .. import _checks
 from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval, NanPolicy, centred
 
 FLOOR_MTCD = 0.005
@@ -66,25 +68,23 @@ class Estimate:
         return Interval(self.value, self.value - step, self.value + step, error, method)
 
 
-def mean_of(
-    values: Sessions, scale: float = 1.0, *, nan_policy: NanPolicy = "propagate"
-) -> Estimate:
-    """Mean over the sessions of one sample, times a number.
+def mean_of(values: Sessions, *, nan_policy: NanPolicy = "propagate") -> Estimate:
+    """Mean over the sessions of one sample.
 
     A single session has no known influence: its standard error is NaN.
 
     **Arguments:** `nan_policy`: sessions that are not finite make all NaN, or are left
     out: they then keep their place, with no influence.
     """
+    _checks.one_of("nan_policy", nan_policy, get_args(NanPolicy))
     is_known = np.isfinite(values)
     if nan_policy != "omit" and not is_known.all():
         return Estimate(math.nan, (np.full(len(values), math.nan),))
     count = int(is_known.sum())
-    mean, rest = centred(values, is_known)
-    value = scale * float(mean) if count else math.nan
+    mean, rest = centred(values)
     # As a variance divides by n - 1.
-    unit = scale / math.sqrt(count * (count - 1)) if count > 1 else math.nan
-    return Estimate(value, (unit * rest,))
+    unit = 1 / math.sqrt(count * (count - 1)) if count > 1 else math.nan
+    return Estimate(float(mean) if count else math.nan, (unit * rest,))
 
 
 def control_variate(
@@ -102,7 +102,9 @@ def control_variate(
     - `simulated`, `predicted`: of the same sessions and tiles.
     - `paths`: predictions for other, independent paths.
     - `slope`: b, from a pilot; 0 leaves the plain mean over `simulated`.
-    - `nan_policy`: of the simulated sessions, as in `mean_of`; paths are finite.
+    - `nan_policy`: of the simulated sessions, as in `mean_of`; paths are finite. Those
+      of heads whose sessions are left out stay in: what the slope tells of them, the
+      mean still has.
     """
     if slope == 0 or len(paths) == 0:
         plain = mean_of(simulated, nan_policy=nan_policy)

@@ -17,6 +17,7 @@ fixed. Where recorded traces were replayed, the subject is the cluster.
 - With clusters, subjects are resampled and then each one's windows: slightly wide,
   since the second stage repeats what the first already shows. Fewer than 5 subjects
   cannot show how people differ: the interval is then over windows, and says so.
+- Influences of at most 1e-13 of the sessions themselves are rounding: no spread.
 - A session that failed is not finite. Who leaves it out chooses so, by `nan_policy`:
   sessions that fail are those of heads that move much, so means without them are less.
 
@@ -33,7 +34,7 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Float, Shaped
 from scipy import stats
 
 from .. import _checks
@@ -54,7 +55,10 @@ NO_PAIR = "no session succeeded in both this and the baseline"
 NOT_FINITE = "not finite in"
 
 NanPolicy = Literal["propagate", "omit"]
-"""What sessions that are not finite make of a mean: NaN, or nothing (as in SciPy)."""
+"""What sessions that are not finite make of a mean: NaN, or nothing.
+
+SciPy's words; here infinite ones count as well.
+"""
 
 Sessions = Float[np.ndarray, " session"]
 Cells = Float[np.ndarray, "scene session"]
@@ -90,13 +94,14 @@ class Interval:
 
 
 def centred(
-    x: Float[np.ndarray, "*rows session"], known: Bool[np.ndarray, "*rows session"]
+    x: Float[np.ndarray, "*rows session"],
 ) -> tuple[Float[np.ndarray, "*rows"], Float[np.ndarray, "*rows session"]]:
-    """Mean of the known sessions, and how far each is from it: 0 where not known.
+    """Mean of the finite sessions, and how far each is from it: 0 of the others.
 
     Both are right to rounding however far the spread lies below the mean: equal
-    sessions have exactly their mean. Where none is known it is 0.
+    sessions have exactly their mean. Of no session it is 0.
     """
+    known = np.isfinite(x)
     count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
     over = lambda values: np.where(known, values, 0.0).sum(-1, keepdims=True) / count
     mean = over(x)
@@ -127,7 +132,7 @@ def mean_interval(
     x, clusters = _finite(x, clusters)
     if x.shape[1] == 0:
         return _none(NO_SESSION)
-    (value,), (rest,) = centred(x, np.isfinite(x))
+    (value,), (rest,) = centred(x)
     statistic = lambda means: means[0]
     return _interval(value, rest, np.abs(x[0]), x, statistic, clusters, "normal")
 
@@ -159,7 +164,7 @@ def ratio_interval(
     data, clusters = _finite(data, clusters)
     if data.size == 0:
         return _none(NO_PAIR)
-    (x_mean, y_mean), (dx, dy) = centred(data, np.isfinite(data))
+    (x_mean, y_mean), (dx, dy) = centred(data)
     if not y_mean > MIN_BASELINE_MTCD:
         return _none(NO_FLICKER)
     value = x_mean / y_mean
@@ -200,7 +205,7 @@ def log_ratio_derivative_interval(
     data, _ = _finite(data, None)
     if data.shape[1] == 0:
         return _none(NO_PAIR)
-    (x_mean, y_mean, dx_mean, dy_mean), rest = centred(data, np.isfinite(data))
+    (x_mean, y_mean, dx_mean, dy_mean), rest = centred(data)
     if not (x_mean > 0 and y_mean > MIN_BASELINE_MTCD):
         return _none(NO_FLICKER)
     of_x, of_y = dx_mean / x_mean, dy_mean / y_mean
@@ -239,7 +244,7 @@ def geometric_mean_ratio(
         return _none(failure)
     x, y = data
     both = np.isfinite(x) & np.isfinite(y)
-    (x_mean, dx), (y_mean, dy) = centred(x, both), centred(y, both)
+    (x_mean, y_mean), (dx, dy) = centred(np.where(both, data, np.nan))
     has_ratio = y_mean > MIN_BASELINE_MTCD
     if not has_ratio.any():
         return _none(NO_FLICKER if both.any() else NO_PAIR)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     import xarray
 
 ONE_SESSION = "one session has no interval"
+SOME_NOT_FINITE = f"{NOT_FINITE} some sessions"
 _NO_QUANTILES = (math.nan, math.nan, math.nan)
 
 
@@ -86,8 +87,9 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     **Arguments:** `dataset`: a study's result, `mtcd` and `detail_loss` over technique,
     scene and session; sessions that failed in a cell are NaN there. They are left out
     where the attribute `omit_failed` is 1, as the study was told; else they make all
-    NaN that they enter. Sessions that a study with a goal did not run, by `count`, are
-    no failures.
+    NaN that they enter. In a study with a goal one that failed for one technique
+    is left out of all, in that scene, and those that were not run, by `count`, are no
+    failures.
 
     **Returns:** the rows, technique by technique in the dataset's order.
 
@@ -107,11 +109,16 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     order = ("technique", "scene", "session")
     mtcd = dataset["mtcd"].transpose(*order).values.astype(float)
     loss = dataset["detail_loss"].transpose(*order).values.astype(float)
-    nan_policy: NanPolicy = "omit" if dataset.attrs.get("omit_failed") else "propagate"
+    # Older files do not say; they left few sessions out.
+    nan_policy: NanPolicy = (
+        "omit" if dataset.attrs.get("omit_failed", 1) else "propagate"
+    )
     clusters = None
     if "subject" in dataset.coords:
         clusters = dataset["subject"].values.astype(str)
     if "slope" in dataset:
+        if nan_policy == "omit":
+            mtcd, loss = _without_failed(dataset, mtcd, loss)
         return _until_rows(dataset, techniques, scenes, mtcd, loss, nan_policy)
     row_of = functools.partial(_row, clusters=clusters, nan_policy=nan_policy)
     reference = mtcd[techniques.index(baseline)]
@@ -142,6 +149,16 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
         )
         rows += [*cells, pooled, geometric]
     return rows
+
+
+def _without_failed(
+    dataset: "xarray.Dataset", mtcd: np.ndarray, loss: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take out of each scene the sessions that failed for some technique."""
+    count = dataset["count"].transpose("technique", "scene").values
+    was_run = np.arange(mtcd.shape[-1]) < count[..., None]
+    failed = np.any(was_run & ~np.isfinite(mtcd + loss), axis=0)
+    return np.where(failed, np.nan, mtcd), np.where(failed, np.nan, loss)
 
 
 def _until_rows(
@@ -193,6 +210,7 @@ def _until_rows(
                     seconds=float(seconds[s]),
                     figure_of_merit=figure_of_merit(estimates[t][s], float(seconds[s])),
                     pairing_gain=pairing_gain(estimates[t][s], estimates[base][s]),
+                    note=row.note or _note_of_loss(detail.value),
                 )
             )
         share = [1 / len(scenes)] * len(scenes)
@@ -208,6 +226,7 @@ def _until_rows(
                 seconds=float(seconds.sum()),
                 pairing_gain=pairing_gain(pooled, pooled_base),
                 figure_of_merit=figure_of_merit(pooled, float(seconds.sum())),
+                note=row.note or _note_of_loss(detail.value),
             )
         )
         ratios = [
@@ -219,6 +238,7 @@ def _until_rows(
             found = every.interval(max(z), rows[-1].interval)
             everywhere = len(having) == len(scenes)
             note = "" if everywhere else f"over {len(having)} of {len(scenes)} scenes"
+            note = SOME_NOT_FINITE if math.isnan(found.value) else note
         else:
             found, note = no_ratio(), "no scene has a positive ratio"
         rows.append(
@@ -236,6 +256,10 @@ def _until_rows(
     return rows
 
 
+def _note_of_loss(value: float) -> str:
+    return f"detail loss {SOME_NOT_FINITE}" if math.isnan(value) else ""
+
+
 def _until_row(
     technique: str, scene: str, mean: Estimate, baseline: Estimate, z: float
 ) -> SummaryRow:
@@ -245,7 +269,7 @@ def _until_row(
     against = no_ratio() if paired is None else paired.interval(z, method)
     note = NO_FLICKER if paired is None else ""
     if math.isnan(mean.value + baseline.value):
-        note = f"{NOT_FINITE} some sessions"
+        note = SOME_NOT_FINITE
     return SummaryRow(
         technique=technique,
         scene=scene,

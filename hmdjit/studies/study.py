@@ -122,7 +122,8 @@ class Study(eqx.Module):
         - `budget_s`: instead, as many as these seconds allow, compiling included; at
           least 128 in each scene.
         - `omit_failed`: leave sessions that fail out of all means, at most 1 % of
-          them. They are those of heads that move much, so that means are less.
+          them. They are those of heads that move much, so that means are less
+          (with a goal, MTCD less so: predictions know those heads).
         - `progress`: called before and after each batch.
 
         **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN

@@ -28,6 +28,7 @@ from .measuring import Failures
 from .samples import (
     LEAST_SESSIONS,
     PILOT_SESSIONS,
+    PILOT_START,
     Cell,
     Sampler,
     SceneSampler,
@@ -168,9 +169,12 @@ class Until:
         simulated, predicted, seconds_each = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
         words = f"sessions of {name}'s pilot"
-        # Of the pilot no batch is kept.
-        failures = dataclasses.replace(self._failures, kept_in=None)
-        failures.check(np.flatnonzero(~good).tolist(), good.size, words)
+        # It enters no mean: where failures may be left out, the looks judge them.
+        if not self._failures.omit or np.sum(good) < 2:
+            # Of the pilot no batch is kept.
+            failures = dataclasses.replace(self._failures, kept_in=None)
+            numbers = (PILOT_START + np.flatnonzero(~good)).tolist()
+            failures.check(numbers, good.size, words)
         simulated, predicted = simulated[:, good], predicted[:, good]
         slope = np.zeros(len(self._sampler.runs))
         for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
