@@ -130,7 +130,7 @@ def test_older_results_left_out_few_sessions_without_saying_so():
 
 
 def test_failed_sessions_else_make_what_they_enter_nan():
-    data = study(omit_failed=0)
+    data = study().assign_attrs(omit_failed=0)
     expected = by_cell(summarize(data))
     data["mtcd"][1, 0, :5] = np.nan
     data["detail_loss"][2, 1, 7] = np.inf
