@@ -1,6 +1,13 @@
-"""Head models that tests share: one of each kind."""
+"""Head models that tests share, recordings of them, and what fits must keep to."""
 
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator
+import functools
+
+import jax
+import numpy as np
+from jax.random import clone
+from scipy.spatial.transform import Rotation
+
+from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, Trace, whittle
 
 _TRACKER = (0.0037, 0.0036, 0.0034)
 
@@ -30,3 +37,46 @@ def models(*, person_sd, scale=1.0, wander_s=15.0):
     )
     bursts = HeadMotion(**{**vars(model_b), "amplitude": Amplitude(0.3, 0.4)})
     return {"A": model_a, "B": model_b, "bursts": bursts}
+
+
+@functools.partial(jax.jit, static_argnames="frames")
+def paths_of(head, keys, rate_hz, frames):
+    """Rotation vectors of one new person per key."""
+    return jax.lax.map(lambda key: head.rotation_vectors(key, rate_hz, frames), keys)
+
+
+def traces_of(head, key, subjects, seconds, rate_hz=30.0):
+    """One trace for each new person."""
+    frames = round(seconds * rate_hz)
+    keys = jax.random.split(clone(key), subjects)
+    paths = np.asarray(paths_of(head, keys, rate_hz, frames))
+    return [
+        Trace(
+            np.arange(frames) / rate_hz,
+            Rotation.from_rotvec(path).as_quat(scalar_first=True),
+            subject=f"subject {i}",
+        )
+        for i, path in enumerate(paths.astype(float))
+    ]
+
+
+def told_within_bounds(found):
+    """Assert that a fit is finite and in range; return which numbers it tells."""
+    value, error, low, high = (np.array(jax.tree.leaves(x), float) for x in found[:4])
+    assert np.isfinite(value).all()
+    told = np.isfinite(error)
+    for of in (error, low, high):
+        np.testing.assert_array_equal(np.isnan(of), ~told)
+        assert np.isfinite(of[told]).all()
+    assert np.all((low <= value) & (value <= high) | ~told)
+    order = len(found.head.resonators)
+    bounds = np.exp(whittle.log_bounds(order, found.rate_hz))
+    wander = (
+        *(found.head.speed_rms_deg_s, found.head.correlation_time_s),
+        found.head.tracker_noise_deg,
+    )
+    modes = [m for mode in found.head.resonators for m in vars(mode).values()]
+    least, most = bounds[..., None] * np.array([[[1 - 1e-12]], [[1 + 1e-12]]])
+    numbers = np.array([*wander, *modes], float)
+    assert np.all((least <= numbers) & (numbers <= most))
+    return told

@@ -39,7 +39,8 @@ LINES = [
     ("picture_statistics",),
     ("theory",),
     ("studies",),
-    ("curve_fitting", "envelope"),
+    ("curve_fitting",),
+    ("envelope",),
     ("hmdjit",),  # the names that `import hmdjit` offers
     ("cli_options",),
     ("cli_envelope", "cli_fit", "cli_head", "cli_trade_off"),
@@ -92,7 +93,7 @@ FOLDERS = {
         ("measuring", "oracles", "poses"),
         ("cases",),
         ("curves", "heads", "intervals", "metrics", "pictures"),
-        ("estimators", "runs"),
+        ("bounds", "estimators", "runs"),
         ("extremes",),
         ("holes",),
         ("report",),

@@ -16,6 +16,7 @@ import hmdjit as hj
 from hmdjit import curve_fitting, devices
 from hmdjit.curve_fitting import CurveSpace, NoFitError, errors, measuring, search
 from hmdjit.curve_fitting.results import FrontPoint, Kept
+from hmdjit.curves import Cosine
 from hmdjit.frame import GATHER, SLICES
 from hmdjit.session import differentiable_session
 from hmdjit.studies.measuring import Runner
@@ -332,8 +333,55 @@ def test_what_cannot_be_recovered_is_refused():
         curve_fitting.recover(space, [spots()], small, exact[None, :8])
     with pytest.raises(NoFitError, match="observed must be finite"):
         curve_fitting.recover(space, [spots()], view, exact[None] * np.nan)
-    with pytest.raises(NoFitError, match="observed must flicker"):
-        curve_fitting.recover(space, [spots()], view, 0 * exact[None])
+    # Without any blending detail is lost by rounding alone, of 1e-13: divided by that,
+    # the search had "converged" where it began.
+    for scale in (np.zeros(2), np.array([1.0, 1e-12])):
+        with pytest.raises(NoFitError, match=r"observed must flicker .* than 1e-06"):
+            curve_fitting.recover(space, [spots()], view, scale * exact[None])
+
+
+_CURVES = {
+    "w_lb 0": hj.techniques.HeadMovement(0.4, 0.0, 4.0, (0.5,)),
+    "w_min 0": hj.techniques.HeadMovement(0.0, 0.0, 4.0, (0.5,)),
+    "w_lb is w_min": hj.techniques.HeadMovement(0.4, 0.4, 4.0, (0.5,)),
+    "closeness 0": hj.techniques.HeadMovement(0.4, 0.1, 4.0, (0.0,)),
+    "closeness 1": hj.techniques.HeadMovement(0.4, 0.1, 4.0, (1.0,)),
+    "h_max beyond any head": hj.techniques.HeadMovement(0.4, 0.1, 1e6, (0.5,)),
+    "the least exponent": hj.techniques.HeadMovement(
+        0.4, 0.1, 4.0, (0.5,), ease=Cosine(0.5)
+    ),
+}
+
+
+def _seen_of(technique):
+    """What sessions of a technique do that may lie at a bound, up to 1e-9 of it."""
+    family = "power" if isinstance(technique.ease, Cosine) else "kim"
+    space, view = CurveSpace(family), looking(SEEN)
+    logit = lambda x: np.log(x / (1 - x))
+    share = lambda x: logit(np.clip(x, 1e-9, 1 - 1e-9))
+    w_min, w_lb = float(technique.w_min), float(technique.w_lb)
+    point = [share(w_min), share(w_lb / w_min if w_min else 0.0)]
+    point += [np.log(technique.h_max_deg_s), share(technique.closeness[0])]
+    point += [np.log(1e-9)] if family == "power" else []
+    at = jnp.asarray(point, jnp.float32)
+    return space, view, np.asarray(measuring.values(space, at, spots(), view))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", _CURVES)
+def test_curves_at_their_bounds_are_recovered_within_them(case, rng):
+    space, view, exact = _seen_of(_CURVES[case])
+    for noise in (0.0, 0.02):
+        observed = exact + noise * exact.mean(axis=0) * rng.normal(size=exact.shape)
+        found = curve_fitting.recover(space, [spots()], view, observed[None])
+        least, most = space.ranges
+        for numbers in (found.numbers, found.errors.low, found.errors.high):
+            assert np.all((numbers >= least) & (numbers <= most))
+        assert np.isfinite(found.numbers).all()
+        is_told = np.isfinite(found.errors.standard_error)
+        assert np.isfinite(found.errors.high[is_told]).all()
+        assert not np.isnan([found.errors.low, found.errors.high]).any()
+        assert np.all(found.errors.low <= found.errors.high)
 
 
 # --- a whole fit ---

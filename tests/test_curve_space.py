@@ -82,6 +82,32 @@ def test_techniques_at_their_bounds_are_approached():
     assert np.isfinite(CurveSpace("spline").near(one)).all()
 
 
+def test_no_past_at_all_is_approached():
+    # Closeness of 0 throughout has no ratios: the weights were 0 / 0.
+    for closeness in ((0.0,), (0.0, 0.0)):
+        space = CurveSpace(samples=2)
+        numbers = named(space, space.near(HeadMovement(closeness=closeness)))
+        assert numbers["weights[0]"] == pytest.approx(0.5, abs=2e-3)
+        assert numbers["closeness[1]"] < 3e-3
+
+
+@pytest.mark.parametrize("space", SPACES, ids=str)
+@pytest.mark.parametrize("far", [np.inf, -np.inf, 700.0, -700.0])
+def test_coordinates_count_no_farther_than_documented(space, far):
+    # In float32 exp(700) is infinite; a softmax of inf is NaN in any precision.
+    for dtype in (jnp.float32, jnp.float64):
+        ours = space.natural(jnp.full(space.size, far, dtype))
+        at = space.natural(jnp.full(space.size, np.copysign(46.0, far), dtype))
+        np.testing.assert_array_equal(ours, at)
+        assert space.concrete(jnp.full(space.size, far, dtype)).h_max_deg_s > 0
+
+
+def test_a_closeness_far_below_1_keeps_its_digits():
+    # 1 - (1 - d) is 0 for d below 1e-16.
+    found = CurveSpace(samples=2).natural(jnp.asarray([0.0, 0, 0, -40.0, -40.0, 0]))
+    np.testing.assert_allclose(found[3:5], np.exp(-40) * np.array([1, 2]), rtol=1e-14)
+
+
 def test_slopes_of_natural_numbers_are_those_of_differences():
     for space in (CurveSpace("power", 3, "spline"), CurveSpace("spline")):
         point = jnp.asarray(np.random.default_rng(4).normal(size=space.size))

@@ -1,14 +1,12 @@
 """Fits of the head model: against oracles, on data of known models, and refusals."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from jax.random import clone
+from heads import told_within_bounds, traces_of
 from scipy.spatial.transform import Rotation
 
 from hmdjit.head_motion import (
@@ -18,6 +16,7 @@ from hmdjit.head_motion import (
     Trace,
     fitting,
     moments,
+    scoring,
     statistics,
     whittle,
 )
@@ -37,27 +36,6 @@ RESONANT = eqx.tree_at(
     WANDER,
     (Resonator((0.6, 0.6, 0.55), (3.2, 2.7, 3.0), (0.23, 0.175, 0.4)),),
 )
-
-
-@functools.partial(jax.jit, static_argnames="frames")
-def paths_of(head, keys, rate_hz, frames):
-    """Rotation vectors of one new person per key."""
-    return jax.lax.map(lambda key: head.rotation_vectors(key, rate_hz, frames), keys)
-
-
-def traces_of(head, key, subjects, seconds, rate_hz=RATE_HZ):
-    """One trace for each new person."""
-    frames = round(seconds * rate_hz)
-    keys = jax.random.split(clone(key), subjects)
-    paths = np.asarray(paths_of(head, keys, rate_hz, frames))
-    return [
-        Trace(
-            np.arange(frames) / rate_hz,
-            Rotation.from_rotvec(path).as_quat(scalar_first=True),
-            subject=f"subject {i}",
-        )
-        for i, path in enumerate(paths.astype(float))
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -266,6 +244,37 @@ def test_gearys_ratio_agrees_with_simulation(key, sd):
         )
 
 
+@pytest.mark.parametrize("return_time_s", [0.1, 0.9])
+def test_a_return_within_the_shortest_time_ends_there(key, return_time_s):
+    # It became 15 s, as if the recordings were too short to tell.
+    head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
+    head = eqx.tree_at(lambda h: h.return_time_s, head, return_time_s)
+    traces = traces_of(head, key, subjects=6, seconds=40.0)
+    found = moments.return_time(traces, head, RATE_HZ, {}, over_subjects=True)
+    assert found.value == 1.0
+    assert np.isnan(found.error)
+
+
+def test_one_subject_of_many_with_long_recordings_tells_no_error(key, wander_traces):
+    # The spread of a single group was 0 / 0, with a warning.
+    head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
+    long = traces_of(head, key, subjects=1, seconds=120.0)
+    brief = [Trace(t.t_s[:200], t.world_from_head[:200]) for t in wander_traces]
+    found = moments.return_time([*brief, *long], head, RATE_HZ, {}, over_subjects=True)
+    assert found.value == moments.DEFAULT_RETURN_TIME_S
+
+
+@pytest.mark.parametrize("noise", [0.004, 0.3])
+def test_a_tracker_alone_has_no_bursts(wander_traces, noise):
+    # The movement's share was 0, and the ratio 0 / 0.
+    still = HeadMotion((0.0,) * 3, (0.1,) * 3, (noise,) * 3)
+    bursts = moments.with_amplitude(still, 1.0)
+    np.testing.assert_allclose(moments.geary_ratio(bursts, RATE_HZ), np.sqrt(2 / np.pi))
+    found = moments.amplitude(wander_traces, still, RATE_HZ, over_subjects=True)
+    assert found.value == 0
+    assert np.isnan(found.error)
+
+
 def test_a_gaussian_head_has_no_bursts(key):
     head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
     traces = traces_of(head, key, subjects=10, seconds=60.0)
@@ -273,7 +282,98 @@ def test_a_gaussian_head_has_no_bursts(key):
     assert found.value < 0.15
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("speed", "noise"), [(0.8, 0.0), (0.0, 0.004)])
+def test_a_number_that_is_0_ends_at_its_bound_and_is_not_told(speed, noise):
+    # Its interval went from 1e-254 to 1e243, or overflowed.
+    numbers = lambda h: (
+        *(h.speed_rms_deg_s, h.tracker_noise_deg, h.person_sd, h.amplitude.sd),
+    )
+    head = eqx.tree_at(numbers, WANDER, ((speed,) * 3, (noise,) * 3, 0.0, 0.0))
+    traces = traces_of(head, jax.random.key(7), subjects=6, seconds=20.0)
+    found = fitting.fit(traces, order=0, max_speed_deg_s=100.0)
+    told = told_within_bounds(found)
+    of = lambda name: (
+        np.array(getattr(part, name), float)
+        for part in (found.head, found.standard_error)
+    )
+    speeds, speed_errors = of("speed_rms_deg_s")
+    noises, noise_errors = of("tracker_noise_deg")
+    if noise:
+        # A wander that is far shorter than a frame is like the tracker's noise.
+        _, time_errors = of("correlation_time_s")
+        assert np.isnan(speed_errors + time_errors).all()
+        # 3 numbers at 5 degrees of freedom: beyond 7 errors in 0.3 % of such tests.
+        assert np.max(np.abs(noises - noise) / noise_errors) < 7
+        assert found.head.amplitude == Amplitude(0.0, 0.4)
+        assert np.isnan(found.standard_error.person_sd)
+    else:
+        assert np.isnan(noise_errors).any()
+        assert np.max(noises) < 5e-4
+        assert np.max(np.abs(speeds - speed) / speed_errors) < 7
+    assert told.sum() >= 3
+
+
+def test_what_a_search_holds_at_a_bound_pulls_nothing(rng):
+    gradient = rng.normal(size=(2, 40, 5))
+    information = np.einsum("sfi,sfj->sij", gradient, gradient)
+    subject = np.repeat([0, 1], 4)
+    score = rng.normal(size=(8, 5))
+    whole = scoring.Scoring(score, information, subject)
+    assert whole.told(3).all()
+    held = whole.without(np.array([False, True, False]))
+    np.testing.assert_array_equal(held.told(3), [True, False, True])
+    pulls = held.jackknife(np.arange(8))
+    np.testing.assert_allclose(pulls[:, 1], 0, atol=1e-15)
+    # The rest is as if that number were not there.
+    free = [0, 2, 3, 4]
+    gone = scoring.Scoring(score[:, free], information[:, free][..., free], subject)
+    np.testing.assert_allclose(pulls[:, free], gone.jackknife(np.arange(8)), rtol=1e-9)
+
+
+def test_what_no_recording_tells_is_not_told(rng):
+    gradient = rng.normal(size=(1, 40, 4))
+    gradient[..., 1] *= 1e-7  # hidden by the tracker's noise, say
+    information = np.einsum("sfi,sfj->sij", gradient, gradient)
+    of = scoring.Scoring(rng.normal(size=(3, 4)), information, np.zeros(3, int))
+    np.testing.assert_array_equal(of.told(3), [True, False, True])
+
+
+def test_people_who_do_not_differ_have_no_error_of_it():
+    # 0 had an error of 3e8 and an interval of [0, 0].
+    found = fitting._person_sd(np.array([0.1, -0.1, 0.0]), np.full(3, 0.5))
+    assert found.value == 0
+    assert np.isnan(found[1:]).all()
+    found = fitting._person_sd(np.array([0.1, -0.1, 0.0]), np.full(3, 1e-4))
+    assert found.low < found.value < found.high
+
+
 # --- what is refused ---
+
+
+def test_axes_without_any_movement_are_refused_by_name(wander_traces):
+    def still(trace, axis):
+        path = Rotation.from_quat(trace.world_from_head, scalar_first=True).as_rotvec()
+        path[:, axis] = 0.0
+        path[:, (axis + 1) % 3] = 0.0  # else turns about two axes make a third
+        poses = Rotation.from_rotvec(path).as_quat(scalar_first=True)
+        return Trace(trace.t_s, poses, subject=trace.subject)
+
+    frozen = [still(trace, 1) for trace in wander_traces]
+    with pytest.raises(ValueError, match=r"move in all axes .*, none does in yaw\.$"):
+        fitting.fit(frozen, order=0)
+    mixed = [still(wander_traces[0], 1), *wander_traces[1:]]
+    with pytest.raises(ValueError, match=r"fitted, subject 0 does not in yaw\.$"):
+        fitting.fit(mixed, order=0)
+
+
+def test_a_rate_that_leaves_resonances_no_frequency_is_refused():
+    # Bounds of 0.7 to 0.45 Hz were searched between.
+    with pytest.raises(ValueError, match=r"rate_hz must be above 1\.56 Hz .* got 1"):
+        whittle.log_bounds(1, 1.0)
+    low, high = whittle.log_bounds(2, 1.6)
+    assert np.all(low < high)
+    assert whittle.log_bounds(0, 1.0).shape == (2, 3)
 
 
 def test_too_little_still_data_is_refused_with_reasons(wander_traces):

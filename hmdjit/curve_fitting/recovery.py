@@ -14,6 +14,7 @@ from .search import NoFitError, Numbers, least_squares
 from .space import CurveSpace
 
 _TOLERANCE = 1e-3
+_LEAST = 1e-6  # code values, and their squares: float32 pictures are rounded by 1e-5
 
 
 class Recovered(NamedTuple):
@@ -58,8 +59,11 @@ def recover(
     if not np.isfinite(observed).all():
         raise NoFitError("observed must be finite, got NaN or inf.")
     unit = observed.mean(axis=1)
-    if not np.all(unit > 0):
-        raise NoFitError("observed must flicker and lose detail in every scene.")
+    if not np.all(unit > _LEAST):
+        raise NoFitError(
+            "observed must flicker and lose detail in every scene, by more than "
+            f"{_LEAST:g}; got {np.min(unit):.2g}."
+        )
 
     def linearized(point: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Relative residuals and slopes, `(scenes, sessions, measures[, numbers])`."""

@@ -189,6 +189,7 @@ def runs() -> list[Run]:
             slopes_of_steps,
             single,
             "texels",
+            is_slow=True,
         ),
     ]
     for name, read, taps, of_pixels, of_texels in reads:
@@ -208,6 +209,7 @@ def runs() -> list[Run]:
                 by_picture,
                 none,
                 "texels",
+                is_slow=name != gathers,
             ),
         ]
     return found

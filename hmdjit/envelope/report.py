@@ -20,6 +20,7 @@ from ..camera import Camera
 from ..frame import rebased_motion
 from ..studies import drawing
 from . import (
+    bounds,
     cases,
     curves,
     estimators,
@@ -278,6 +279,7 @@ def entries() -> list[Case | Run]:
         *runs.runs(),
         *extremes.runs(),
         *holes.runs(),
+        *bounds.runs(),
         *intervals.runs(),
         *estimators.runs(),
     ]

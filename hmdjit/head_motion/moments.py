@@ -146,12 +146,12 @@ def geary_ratio(head: HeadMotion, rate_hz: float) -> Float64[np.ndarray, "3"]:
     """
     none = (0.0,) * len(AXES)
     steady = eqx.tree_at(lambda h: h.tracker_noise_deg, head, none)
-    moved = np.asarray(steady.increment_covariance(0, rate_hz), float)
+    variance = np.asarray(steady.increment_covariance(0, rate_hz), float)
     tracker = 2 * np.square(np.array(head.tracker_noise_deg, float))
-    moved = moved / (moved + tracker)
-    # The tracker's share would cancel: the movement's kurtosis is taken without it.
-    kurtosis = np.asarray(steady.increment_kurtosis(rate_hz), float)
-    spread = np.sqrt(np.log1p(kurtosis / 3))
+    # What the head moves, without differences; a head that does not has no bursts.
+    moved = variance / np.where(variance > 0, variance + tracker, 1.0)
+    kurtosis = np.asarray(head.increment_kurtosis(rate_hz), float)
+    spread = np.sqrt(np.log1p(kurtosis / 3 / np.where(moved > 0, moved, 1.0) ** 2))
     levels, weights = np.polynomial.hermite_e.hermegauss(_QUADRATURE)
     shares = np.exp(np.outer(spread, levels) - spread[:, None] ** 2 / 2)
     variance = moved[:, None] * shares + (1 - moved)[:, None]
