@@ -57,8 +57,8 @@ def test_all_bounds_hold():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3, 7])
 def test_bounds_hold_with_other_seeds(seed):
-    # Central differences of the oracle lost digits in float64, of rare inputs only: in 80
-    # digits, `1 - cos` of 1e-30, a step across a knot, numbers 1e-26 as large as others.
+    # In 80 digits the oracle lost its own, of rare inputs in float64: by `1 - cos` of
+    # 1e-30, by a step across a knot, by numbers 1e-26 as large as others.
     names = ["curves.Cosine", "curves.Spline", "frame.Displacement.px, (1 - d) r"]
     for row in measuring.measure([ENTRIES[name] for name in names], seed=seed):
         assert row.holds, row
