@@ -246,7 +246,7 @@ def best_search(data: Data, order: int) -> Search:
 def start_logits(
     log_bounds: Float64[np.ndarray, "2 parameters"], order: int
 ) -> Float64[np.ndarray, "starts parameters 3"]:
-    """Where the search starts, within its bounds."""
+    """Where the search starts: within its bounds by a fiftieth of their range."""
     starts = []
     for frequencies_hz in _STARTS_HZ[order]:
         values = [0.8, 0.12, 0.004]
