@@ -23,7 +23,7 @@ FEW = [
     "color.encode",
     "blending.ease",
     "resampling.nearest",
-    "resampling.bilinear_by_slices, gradient by picture, NaN or inf",
+    "resampling.bilinear, gradient by picture, NaN or inf",
     "HeadMotion.velocity_spectrum, wander",
     "reprojection.past_position",
     "quaternion.multiply, composed",

@@ -230,6 +230,7 @@ def test_what_has_no_influence_has_the_derivative_0(many):
             assert abs(row.derivative) < 1e-9
 
 
+@pytest.mark.slow
 def test_numbers_that_are_0_have_derivatives_per_unit():
     still = hj.HeadMotion(
         (1.12, 0.0, 0.93), (0.10, 0.124, 0.029), (0.0037, 0.0036, 0.0), person_sd=0.0

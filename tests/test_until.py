@@ -159,16 +159,20 @@ def test_recorded_heads_have_no_goal():
         replay.run(0, tolerance=0.1)
 
 
+@pytest.mark.slow
 def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
     monkeypatch.setattr(until, "MOST_SESSIONS", 100)
     with pytest.raises(ValueError, match=r"tolerance 0\.05 would take 1.* sessions of"):
         study().run(0, tolerance=0.05)
 
 
-@pytest.mark.parametrize("omit_failed", [False, True])
-def test_heads_that_leave_the_margin_stop_the_study(omit_failed):
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("omit_failed", "who"), [(False, "noise's pilot"), (True, "noise")]
+)
+def test_heads_that_leave_the_margin_stop_the_study(omit_failed, who):
     restless = study(margin_deg=0.02)
-    message = r"of 128 sessions of noise's pilot gave .*at most 1% may"
+    message = rf"of 128 sessions of {who} gave .*at most 1% may"
     with pytest.raises(measuring.FailedSessionsError, match=message):
         restless.run(0, tolerance=0.1, omit_failed=omit_failed)
 
