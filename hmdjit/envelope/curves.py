@@ -168,7 +168,7 @@ def radical_inverses(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
 
 def runs() -> list[Run]:
-    """List what is float64, in NumPy."""
+    """List what is float64, in NumPy: not in the quick form, which is of float32."""
     return [
         Run(
             "curves, steepest",
@@ -176,6 +176,7 @@ def runs() -> list[Run]:
             steepest,
             {"float64": Bound(1e-12)},
             "relative",
+            is_slow=True,
         ),
         Run(
             "quaternion.rebase",
@@ -183,6 +184,7 @@ def runs() -> list[Run]:
             rebased,
             {"float64": Bound(4 * math.ulp(1.0))},
             "absolute",
+            is_slow=True,
         ),
         Run(
             "sample_patterns.radical_inverse",
@@ -190,5 +192,6 @@ def runs() -> list[Run]:
             radical_inverses,
             {"float64": Bound(4 * math.ulp(1.0))},
             "absolute",
+            is_slow=True,
         ),
     ]
