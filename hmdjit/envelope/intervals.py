@@ -10,7 +10,7 @@ resampled: of those only the value is held here, and that there is an interval a
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -217,13 +217,16 @@ def means(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
+def _paired(pairs: Iterator[_Pair], interval: Callable, exact: Callable) -> _Found:
+    worst = Worst()
+    for name, x, y in pairs:
+        _judge(worst, interval(x, y, nan_policy="omit"), exact(x, y), name)
+    return worst.found
+
+
 def ratios(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Errors of `ratio_interval`, eps."""
-    worst = Worst()
-    for name, x, y in sessions(rng, quick):
-        found = intervals.ratio_interval(x, y, nan_policy="omit")
-        _judge(worst, found, _of_ratio(x, y), name)
-    return worst.found
+    return _paired(sessions(rng, quick), intervals.ratio_interval, _of_ratio)
 
 
 def scenes(rng: _Rng, quick: bool) -> Iterator[_Pair]:
@@ -237,11 +240,8 @@ def scenes(rng: _Rng, quick: bool) -> Iterator[_Pair]:
 
 def geometric_means(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Errors of `geometric_mean_ratio` over two scenes, eps."""
-    worst = Worst()
-    for name, x, y in scenes(rng, quick):
-        found = intervals.geometric_mean_ratio(x, y, nan_policy="omit")
-        _judge(worst, found, _of_geometric_mean(x, y), name)
-    return worst.found
+    interval = intervals.geometric_mean_ratio
+    return _paired(scenes(rng, quick), interval, _of_geometric_mean)
 
 
 def derivatives(rng: _Rng, dtype: str, quick: bool) -> _Found:
