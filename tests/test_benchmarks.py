@@ -21,6 +21,7 @@ def tiny():
     return task.make(16, 2, steps=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(ours.ADDITIONS) + 1))
 def test_ours_does_the_task(tiny, count):
     added = ours.ADDITIONS[:count]

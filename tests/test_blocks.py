@@ -341,6 +341,7 @@ class Smoothing(Nameless):
         return None, (picture + right) / 2
 
 
+@pytest.mark.slow
 def test_a_stencil_is_not_cut_off_at_block_edges(rng, texture):
     by = functools.partial(measured, Smoothing(), texture, motions(rng))
     check_the_same(by(SLICES, (8, 10)), by(GATHER))

@@ -37,6 +37,7 @@ def _frames_folder(folder, rng, count=8, size=(24, 32)):
     return folder
 
 
+@pytest.mark.slow
 def test_a_study_writes_all_its_files_and_prints_its_table(tmp_path, capsys):
     assert cli.run([*SMALL, "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
@@ -70,6 +71,7 @@ def test_a_definition_file_is_overridden_by_the_command_line(tmp_path):
         assert list(data["scene"].values) == ["ramp"]
 
 
+@pytest.mark.slow
 def test_recorded_heads_are_replayed_at_their_own_rate(tmp_path):
     trace = _poses_file(tmp_path / "me.csv", rows=30, rate_hz=72.0)
     out = tmp_path / "out"

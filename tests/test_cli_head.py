@@ -91,6 +91,7 @@ def test_fit_writes_a_model_that_can_be_read_and_drawn_from(traces, tmp_path, ca
     assert float(head.speed_rms_deg_s[0]) == pytest.approx(1.0, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_sample_is_the_head_models_own_draw(tmp_path, capsys):
     out = tmp_path / "me.csv"
     arguments = ("sample", "--seed", 3, *SHORT, "--out", out)

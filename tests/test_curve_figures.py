@@ -82,6 +82,7 @@ def test_bands_hold_the_curve_and_are_those_of_the_bootstrap():
     np.testing.assert_allclose([at.min(), at.max()], bounds, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_free_localisation_has_its_own_panel():
     fit = fitted(CurveSpace("spline", 2, "spline"))
     figure = figures.draw_curve(fit, "footer")

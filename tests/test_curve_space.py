@@ -108,6 +108,7 @@ def test_a_closeness_far_below_1_keeps_its_digits():
     np.testing.assert_allclose(found[3:5], np.exp(-40) * np.array([1, 2]), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_slopes_of_natural_numbers_are_those_of_differences():
     for space in (CurveSpace("power", 3, "spline"), CurveSpace("spline")):
         point = jnp.asarray(np.random.default_rng(4).normal(size=space.size))

@@ -117,6 +117,7 @@ def test_the_minimum_agrees_with_a_plain_whittle_fit(wander_traces):
 # --- the fit ---
 
 
+@pytest.mark.slow
 def test_a_fit_is_close_to_the_truth_by_its_own_errors(wander_fit):
     leaves = lambda head: np.array(jax.tree.leaves(head), float)
     error = leaves(wander_fit.standard_error)
@@ -131,6 +132,7 @@ def test_a_fit_is_close_to_the_truth_by_its_own_errors(wander_fit):
     assert np.all(high >= leaves(wander_fit.head)[fitted])
 
 
+@pytest.mark.slow
 def test_heads_are_fitted_in_one_call(wander_traces, wander_fit):
     head = HeadMotion.fit(wander_traces, order=0)
     assert jax.tree.leaves(head) == jax.tree.leaves(wander_fit.head)

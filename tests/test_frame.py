@@ -377,17 +377,15 @@ def kept(rng, rim_px):
     return History.of(planes).with_rim(WHOLE, rim_px)
 
 
-slow = functools.partial(pytest.param, marks=pytest.mark.slow)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("warp", "region"),
     [
         ("homography", WHOLE),
-        slow("homography", TILE),
-        slow("affine", WHOLE),
+        ("homography", TILE),
+        ("affine", WHOLE),
         ("affine", TILE),
-        slow("shift", TILE),
+        ("shift", TILE),
     ],
     ids=lambda value: value if isinstance(value, str) else f"{value.width} px",
 )
@@ -433,6 +431,7 @@ def test_the_outermost_pixels_leave_the_frame_by_half_a_pixel(x0, y0, move, read
         np.testing.assert_array_equal(inside(displacement), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filter_", FILTERS)
 def test_sources_are_read_through_their_own_filter(rng, filter_):
     history, texture = kept(rng, 4), baked(rng, 2, 3)

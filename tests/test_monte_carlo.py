@@ -46,6 +46,17 @@ def data():
     return _study().run(seed=5)
 
 
+def _plain(**changes):
+    """The same sessions, of the technique that is compiled soonest."""
+    return _study(techniques=[hj.techniques.NoAntialiasing()], **changes)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return _plain().run(seed=5)
+
+
+@pytest.mark.slow
 def test_rows_mean_what_they_say():
     rows = [hj.techniques.by_id(id) for id in IDS]
     data = _study(techniques=rows, baseline="msaa4").run(seed=5)
@@ -62,23 +73,25 @@ def test_rows_mean_what_they_say():
     assert (means.sel(technique="head_movement") < means.sel(technique="none")).all()
 
 
-def test_results_identify_themselves(data):
-    attributes = data.attrs
+def test_results_identify_themselves(plain):
+    attributes = plain.attrs
     assert attributes["px_per_deg_centre"] == pytest.approx(
         CAMERA.focal_px * np.pi / 180, rel=1e-6
     )
     for name in ("config_hash", "model_version", "jax_version", "device", "head"):
         assert attributes[name]
     assert json.loads(attributes["failed_sessions"]) == []
-    assert (data["rotation_deg"] > 0).all()
+    assert (plain["rotation_deg"] > 0).all()
 
 
-@pytest.mark.parametrize("batch_size", [pytest.param(1, marks=pytest.mark.slow), 5])
+@pytest.mark.slow
+@pytest.mark.parametrize("batch_size", [1, 5])
 def test_bits_do_not_depend_on_the_batch(data, batch_size):
     again = _study().run(seed=5, batch_size=batch_size)
     xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
 
 
+@pytest.mark.slow
 def test_the_first_sessions_of_a_longer_study_are_the_shorter_one(data):
     longer = _study(sessions=20).run(seed=5)
     xarray.testing.assert_identical(
@@ -87,28 +100,28 @@ def test_the_first_sessions_of_a_longer_study_are_the_shorter_one(data):
     assert not np.array_equal(_study().run(seed=6)["mtcd"], data["mtcd"])
 
 
-def test_an_interrupted_study_goes_on_and_equals_an_uninterrupted_one(tmp_path, data):
+def test_an_interrupted_study_goes_on_and_equals_an_uninterrupted_one(tmp_path, plain):
     def stop_in_the_middle(event):
         if event.done > event.total / 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _study().run(seed=5, out=tmp_path, batch_size=5, progress=stop_in_the_middle)
+        _plain().run(seed=5, out=tmp_path, batch_size=5, progress=stop_in_the_middle)
     assert not (tmp_path / "result.nc").exists()
     kept = set((tmp_path / "batches").iterdir())
     assert kept
     events = []
-    resumed = _study().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
-    xarray.testing.assert_identical(resumed.drop_attrs(), data.drop_attrs())
-    assert resumed.attrs["config_hash"] == data.attrs["config_hash"]
+    resumed = _plain().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    xarray.testing.assert_identical(resumed.drop_attrs(), plain.drop_attrs())
+    assert resumed.attrs["config_hash"] == plain.attrs["config_hash"]
     assert 0 < events[-1].fresh < events[-1].total == events[-1].done
     assert kept < set((tmp_path / "batches").iterdir())
 
     # Once finished, nothing is computed again.
-    _study().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    _plain().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
     assert events[-1].fresh == 0
     with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as written:
-        np.testing.assert_array_equal(written["mtcd"], data["mtcd"])
+        np.testing.assert_array_equal(written["mtcd"], plain["mtcd"])
 
 
 @pytest.mark.slow
@@ -132,6 +145,7 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
         assert events[-1].fresh == events[-1].total, change
 
 
+@pytest.mark.slow
 def test_one_compilation_per_technique_serves_all_scenes():
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
     programs: Any = measuring._measure.jitted
@@ -209,6 +223,7 @@ def test_a_wide_session_equals_itself_in_a_wide_study():
         np.testing.assert_allclose(again.mtcd, usual.mtcd, atol=9e-3)
 
 
+@pytest.mark.slow
 def test_sessions_that_leave_the_margin_are_named_and_stop_the_study():
     restless = hj.HeadMotion((60.0, 60.0, 1.0), (0.5, 0.5, 0.1), (0.0, 0.0, 0.0))
     study = _study(head=restless, margin_deg=0.5)
@@ -274,6 +289,7 @@ def test_a_study_that_stops_early_says_how_far_it_is():
         _replay_with_a_turn().run(seed=0, batch_size=9)
 
 
+@pytest.mark.slow
 def test_the_choice_is_no_part_of_what_sessions_are(data):
     again = _study().run(seed=5, omit_failed=True)
     xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())

@@ -38,6 +38,7 @@ def test_every_photograph_of_the_study_set_is_credited(study_set):
         assert licence in ("CC0", "public domain")
 
 
+@pytest.mark.slow
 def test_the_study_set_bakes_to_one_shape_of_finite_colours(study_set):
     camera = Camera(32, 32, 96.0)
     shapes = set()

@@ -69,7 +69,7 @@ def _quickly():
         patch.setattr(devices, "compiler_options", lambda: QUICKLY)
         measure.__dict__.pop("jitted", None)
         yield
-    del measure.jitted
+    measure.__dict__.pop("jitted", None)
 
 
 @pytest.fixture(scope="module")

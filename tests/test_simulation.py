@@ -82,7 +82,7 @@ def simulated(technique, texture, poses, **options):
     ("technique", "warmup"),
     [
         pytest.param(SSAA(2), 3, marks=pytest.mark.slow),
-        (HeadMovement(w_min=0.2), 0),
+        pytest.param(HeadMovement(w_min=0.2), 0, marks=pytest.mark.slow),
         (HeadMovement(w_min=0.2), 3),
     ],
     ids=["ssaa2, warm", "head_movement", "head_movement, warm"],
@@ -125,6 +125,7 @@ class Counting(AbstractTechnique):
 TRACED = []  # the frames that `Counting` was handed, one per trace
 
 
+@pytest.mark.slow
 def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng):
     levels = rng.random(FRAMES)
     technique = Counting(jnp.asarray(levels))
@@ -235,6 +236,7 @@ def test_on_a_picture_multisampling_changes_nothing(rng):
         assert (ours.mtcd, ours.detail_loss) == (expected.mtcd, expected.detail_loss)
 
 
+@pytest.mark.slow
 def test_a_frozen_picture_does_not_flicker_and_the_reference_loses_nothing(rng):
     texture, poses = texture_of(rng, dtype=jnp.float32), path(rng).astype(np.float32)
     frozen = simulated(Freeze(), texture, poses)
@@ -245,6 +247,7 @@ def test_a_frozen_picture_does_not_flicker_and_the_reference_loses_nothing(rng):
     assert reference.mtcd > 0
 
 
+@pytest.mark.slow
 def test_a_fast_head_sees_no_antialiasing(rng):
     texture, poses = texture_of(rng), path(rng)
     kim = HeadMovement(h_max_deg_s=0.05)  # the head turns by some 3 deg/s
@@ -254,6 +257,7 @@ def test_a_fast_head_sees_no_antialiasing(rng):
     np.testing.assert_allclose(ours.detail_loss, expected.detail_loss, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_float32_agrees_with_float64(rng):
     texture, poses = texture_of(rng), path(rng)
     exact = simulated(HeadMovement(), texture, poses)
@@ -337,6 +341,7 @@ def test_nothing_beyond_the_halo_reaches_the_block(rng, halo):
     assert effect(halo // 3) > HALO_TOLERANCE
 
 
+@pytest.mark.slow
 def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
     texture, poses = texture_of(rng, WIDE, 24, blur_px=0.6), jnp.asarray(drift())
     whole = hj.Region.whole(WIDE)
@@ -364,6 +369,7 @@ def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
     )
 
 
+@pytest.mark.slow
 def test_a_region_may_be_simulated_alone(rng):
     texture, poses = texture_of(rng), jnp.asarray(path(rng))
     part = hj.Region(4, 6, 8, 8)
@@ -532,6 +538,7 @@ def pulled(measured):
     return pulled
 
 
+@pytest.mark.slow
 def test_gradients_agree_with_central_differences(pulled):
     start = np.asarray(parameters()[0])
     rows = jnp.eye(2)
@@ -549,6 +556,7 @@ def test_gradients_agree_with_central_differences(pulled):
         np.testing.assert_allclose(row, differences, rtol=1e-5, atol=4e-9 * value)
 
 
+@pytest.mark.slow
 def test_a_statue_sees_no_flicker_and_no_gradient_of_it(pulled):
     start, _ = parameters("a statue")
     (mtcd, loss), of_mtcd = pulled(start, jnp.array([1.0, 0.0]))

@@ -94,6 +94,7 @@ def predicted(statistics, technique, motion, warmup=WARMUP, **options):
 # --- what pictures differ ---
 
 
+@pytest.mark.slow
 def test_a_ramp_differs_by_its_gradient_times_the_displacement(rng):
     displacement = rng.normal(size=(64, 2)) * 10.0 ** rng.uniform(-3, 1.5, (64, 1))
     slope = np.asarray([0.003, -0.002]) * 3**0.5
@@ -107,6 +108,7 @@ def test_a_ramp_differs_by_its_gradient_times_the_displacement(rng):
     ).all()
 
 
+@pytest.mark.slow
 def test_differences_agree_with_another_read_of_the_picture(rng):
     texture = noise(rng, 2.0)
     cell_px, picture = SIZE // 2, np.asarray(texture.color)
@@ -157,7 +159,14 @@ def impulse_response(w_min, d, memory):
 
 
 @pytest.mark.parametrize("memory", [0, 4])
-@pytest.mark.parametrize(("w_min", "d"), [(0.3, 2 / 3), (0.2, 1.0), (0.15, 0.0)])
+@pytest.mark.parametrize(
+    ("w_min", "d"),
+    [
+        (0.3, 2 / 3),
+        pytest.param(0.2, 1.0, marks=pytest.mark.slow),
+        pytest.param(0.15, 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_the_impulse_response_is_that_of_the_transfer_function(w_min, d, memory):
     n = np.arange(69)
     expected = d * w_min * (1 - w_min) ** n + np.where(n == 0, 1 - d, 0)
@@ -217,6 +226,7 @@ def test_weights_that_follow_head_speed(rng):
         assert mtcd > 1.05 * slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "curve",
     [
@@ -273,6 +283,7 @@ def test_localised_weights_to_first_order(rng, blur_px, left, difference):
     assert slopes[0] == pytest.approx(slopes[1], rel=0.2)
 
 
+@pytest.mark.slow
 def test_pictures_are_predicted_from_their_statistics(rng):
     # The bilinear history changes detail of b px by about 1 / b^2.
     motion = motion_of(0.01 * turns_of(rng))
@@ -361,6 +372,7 @@ def test_cells_are_those_of_the_frame_for_one_session_or_many(rng):
         np.testing.assert_allclose(each[k], whole[cells[k]], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_float32_is_enough(rng):
     texture = noise(rng, 2.0)
     motion = motion_of(0.01 * turns_of(rng))
@@ -405,6 +417,7 @@ TWO_SAMPLES = jax.tree.map(
 )
 
 
+@pytest.mark.slow
 def test_gradients(rng):
     statistics, turns = statistics_of(noise(rng, 2.0)), jnp.asarray(turns_of(rng))
     ours = gradient(turns, TWO_SAMPLES, statistics, memory=4)

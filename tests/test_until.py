@@ -49,6 +49,7 @@ def precise():
     return dataset, events
 
 
+@pytest.mark.slow
 def test_every_interval_is_within_the_tolerance(precise):
     rows = rows_of(precise[0])
     for technique in ("none", "head_movement"):
@@ -62,6 +63,7 @@ def test_every_interval_is_within_the_tolerance(precise):
     assert rows["freeze", "noise"].mean == rows["freeze", "noise"].high == 0
 
 
+@pytest.mark.slow
 def test_the_plan_is_told_and_kept(precise):
     dataset, events = precise
     lines = [event.line for event in events if event.line]
@@ -74,6 +76,7 @@ def test_the_plan_is_told_and_kept(precise):
     assert dataset.attrs["tolerance"] == 0.05
 
 
+@pytest.mark.slow
 def test_few_sessions_tell_as_much_as_many(precise):
     ours = rows_of(precise[0])["none", "noise"]
     many = study(sessions=1500).run(4, batch_size=samples.CHUNK)
@@ -86,6 +89,7 @@ def test_few_sessions_tell_as_much_as_many(precise):
     assert abs(mine.ratio - ratio.ratio) < 2 * spread
 
 
+@pytest.mark.slow
 def test_sessions_are_those_of_any_other_study(precise):
     dataset, _ = precise
     same = study(sessions=samples.CHUNK).run(3, batch_size=samples.CHUNK)
@@ -93,6 +97,7 @@ def test_sessions_are_those_of_any_other_study(precise):
     np.testing.assert_array_equal(ours[..., : samples.CHUNK], same["mtcd"])
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     expected = study().run(5, tolerance=0.1)
     simulated = monte_carlo.Run._simulated
@@ -177,6 +182,7 @@ def test_heads_that_leave_the_margin_stop_the_study(omit_failed, who):
         restless.run(0, tolerance=0.1, omit_failed=omit_failed)
 
 
+@pytest.mark.slow
 def test_failed_sessions_are_left_out_only_by_choice(precise):
     data = precise[0].copy(deep=True)
     # That a frozen picture was not run further is no failure.
@@ -223,6 +229,7 @@ def test_a_session_that_failed_for_one_technique_counts_for_none():
     assert math.isfinite(cell(bad).estimate(0, "omit").value)
 
 
+@pytest.mark.slow
 def test_quantiles_are_the_sessions_own(precise):
     rows = rows_of(precise[0])
     row = rows["none", "noise"]
