@@ -26,6 +26,7 @@ from . import (
     techniques,
 )
 from .camera import Camera
+from .cli_options import check_can_write, shown
 from .head_motion import Trace
 from .metrics.mtcd import CODE_VALUES
 from .studies import definition, report
@@ -40,22 +41,14 @@ def _study_fields() -> list[tuple[str, Any, Any]]:
     """List the options of a study as the command line presents them."""
     definition_file = Annotated[
         tyro.conf.Positional[Path | None],
-        tyro.conf.arg(
-            metavar="[STUDY.toml]",
-            help="File with any of the options below as keys.",
-            help_behavior_hint="",
-        ),
+        shown("[STUDY.toml]", "File with any of the options below as keys."),
     ]
     fields: list[tuple[str, Any, Any]] = [
         ("definition", definition_file, dataclasses.field(default=None))
     ]
     for field in dataclasses.fields(definition.Options):
-        shown = tyro.conf.arg(
-            help=field.metadata["help"],
-            metavar=field.metadata["metavar"] or None,
-            help_behavior_hint="",
-        )
-        kind = Annotated[field.type, shown]
+        words = field.metadata["metavar"] or None, field.metadata["help"]
+        kind = Annotated[field.type, shown(*words)]
         if field.type is bool:
             kind = tyro.conf.FlagCreatePairsOff[kind]
         fields.append((field.name, kind, dataclasses.field(default=field.default)))
@@ -139,24 +132,6 @@ def _complain(error: object, code: int) -> int:
     return code
 
 
-def _check_folder(path: Path) -> None:
-    existing = next(place for place in (path, *path.parents) if place.exists())
-    if not existing.is_dir():
-        raise ValueError(
-            f"out must be a folder that can be made, got {path}: {existing} is a file."
-        )
-
-
-def _make_folder(path: Path) -> Path:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(
-            f"out must be a folder that can be made, got {path}: {error.strerror}."
-        ) from None
-    return path
-
-
 def _study(command: Any, console: rich.console.Console) -> int:
     said = {
         field.name: getattr(command, field.name)
@@ -168,7 +143,8 @@ def _study(command: Any, console: rich.console.Console) -> int:
     options = definition.merged(options, definition.Options(**said))
     study = definition.build(options, head_movement)
     goal = definition.goal(options, study)
-    out = _make_folder(options.out or Path("hmdjit-study"))
+    out = options.out or Path("hmdjit-study")
+    check_can_write(out)
 
     camera = study.display
     is_replay = isinstance(study.head, Replay)  # its windows are counted later
@@ -279,7 +255,7 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
     rate = command.refresh if command.refresh is not None else trace.rate_hz
     camera = Camera(width, height, command.fov, rate)
     out = command.out
-    _check_folder(out)
+    check_can_write(out)
     if out.resolve() == command.frames_dir.resolve():
         raise ValueError(f"out must differ from the folder of the frames, got {out}.")
 
@@ -297,13 +273,13 @@ def _apply(command: ApplyCommand, console: rich.console.Console) -> int:
             yield picture
 
     poses = trace.world_from_head
-    shown = clips.stream(technique, camera, pictures(), poses)
+    displayed = clips.stream(technique, camera, pictures(), poses)
     # All frames or none: they move to their folder when the last one is done.
     with tempfile.TemporaryDirectory() as scratch:
-        for file, picture in zip(files, shown, strict=True):
+        for file, picture in zip(files, displayed, strict=True):
             after.add(picture)
             _write_png(Path(scratch) / file.name, picture)
-        _make_folder(out)
+        out.mkdir(parents=True, exist_ok=True)
         for file in files:
             shutil.move(Path(scratch) / file.name, out / file.name)
     console.print(

@@ -1,7 +1,6 @@
 """The command line's `hmdjit fit`."""
 
 import dataclasses
-import os
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +8,7 @@ from typing import Annotated, Any
 import rich.console
 
 from . import _checks, scenes
-from .cli_options import Fov, Height, Seed, Width, shown
+from .cli_options import Fov, Height, Seed, Width, files_beside, shown
 from .curve_fitting import CurveFit, CurveSpace, figures, fit, report
 from .curve_fitting.fitting import LEAST_SESSIONS
 from .curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
@@ -109,7 +108,7 @@ COMMANDS: dict[str, Any] = {"fit": FitCommand}
 
 def run(command: FitCommand, console: rich.console.Console) -> None:
     """Fit a curve; write it, draw it and say what it gains."""
-    pictures = _files_beside(command.out)
+    pictures = files_beside(command.out, ".toml", ".png", "-front.png")
     space = CurveSpace(command.family, command.samples, command.localization)
     _checks.whole("sessions", command.sessions, LEAST_SESSIONS)
     _checks.in_range("lag", command.lag, 0)
@@ -154,23 +153,6 @@ def run(command: FitCommand, console: rich.console.Console) -> None:
     _print(found, command, console)
     paths = ", ".join(map(str, (command.out, *pictures)))
     console.print(f"Wrote {paths}.", highlight=False, soft_wrap=True)
-
-
-def _files_beside(out: Path) -> tuple[Path, Path]:
-    """Name the figures beside a file, once all of them can be written."""
-    if out.suffix.lower() != ".toml":
-        raise ValueError(f"out must end in .toml, got {out}.")
-    pictures = out.with_suffix(".png"), out.with_name(f"{out.stem}-front.png")
-    for file in (out, *pictures):
-        if file.is_dir():
-            raise ValueError(f"out must be a file, but {file} is a folder.")
-    existing = next(place for place in out.parents if place.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        reason = "cannot be written" if existing.is_dir() else "is a file"
-        raise ValueError(
-            f"out must be a file that can be made, got {out}: {existing} {reason}."
-        )
-    return pictures
 
 
 def _scenes(command: FitCommand) -> tuple[tuple[str, ...], dict[str, AbstractScene]]:

@@ -1,7 +1,6 @@
 """The command line's `hmdjit head`: fit, describe and sample how heads move."""
 
 import dataclasses
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from . import _checks
 from ._files import written_atomically
 from ._version import __version__
-from .cli_options import shown
+from .cli_options import files_beside, shown
 from .head_motion import HeadMotion, Trace, fitting, presets, spectra, statistics
 from .head_motion.statistics import Goodness
 from .studies import head_figure, head_report
@@ -153,7 +152,7 @@ def run(command: Fit | Describe | Sample, console: rich.console.Console) -> None
 
 
 def _fit(command: Fit, console: rich.console.Console) -> None:
-    figure_file = _figure_beside(command.out, ".toml")
+    (figure_file,) = files_beside(command.out, ".toml", ".png")
     recordings = command.recordings
     traces = recordings.read(console)
     segments, rate_hz = recordings.still(console, traces)
@@ -203,7 +202,7 @@ def _about(
 
 
 def _describe(command: Describe, console: rich.console.Console) -> None:
-    figure_file = _figure_beside(command.out, ".png")
+    (figure_file,) = files_beside(command.out, ".png", ".png")
     head = None if command.model is None else head_model(command.model)
     recordings = command.recordings
     segments, rate_hz = recordings.still(console, recordings.read(console))
@@ -220,7 +219,7 @@ def _describe(command: Describe, console: rich.console.Console) -> None:
 
 
 def _sample(command: Sample, console: rich.console.Console) -> None:
-    figure_file = _figure_beside(command.out, ".csv")
+    (figure_file,) = files_beside(command.out, ".csv", ".png")
     head, rate_hz = head_model(command.model), command.rate
     check_seed(command.seed)
     _checks.in_range("rate", rate_hz, *_RATES_HZ)
@@ -263,21 +262,3 @@ def _beside(
         goodness = statistics.goodness(key, head, segments, rate_hz, draws=draws)
     head_report.print_goodness(console, goodness, word=word)
     return goodness
-
-
-def _figure_beside(out: Path, suffix: str) -> Path:
-    """Name the figure beside a file, once both can be written."""
-    if out.suffix.lower() != suffix:
-        raise ValueError(f"out must end in {suffix}, got {out}.")
-    figure = out.with_suffix(".png")
-    for file in (out, figure):
-        if file.is_dir():
-            raise ValueError(f"out must be a file, but {file} is a folder.")
-    existing = next(place for place in out.parents if place.exists())
-    if not existing.is_dir():
-        raise ValueError(
-            f"out must be a file that can be made, got {out}: {existing} is a file."
-        )
-    if not os.access(existing, os.W_OK):
-        raise ValueError(f"out must be a file that can be made: {existing} is closed.")
-    return figure

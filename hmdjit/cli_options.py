@@ -1,13 +1,13 @@
 """Options that several commands share, and how the help presents them."""
 
-import os
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 
-def shown(metavar: str, text: str) -> Any:
+def shown(metavar: str | None, text: str) -> Any:
     """Present an option by a metavar and a sentence, which says its default."""
     return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
 
@@ -19,7 +19,26 @@ Seed = Annotated[int, shown("N", "Seed of all random draws (default: 0).")]
 
 
 def check_can_write(folder: Path) -> None:
-    """Raise unless a folder can be written, or made where it is to be."""
+    """Raise unless files can be made in a folder, or where it is to be."""
     existing = next(place for place in (folder, *folder.parents) if place.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise ValueError(f"out must be a folder that can be written, got {folder}.")
+    try:
+        # Permissions do not tell: some folders refuse everyone, and root has them all.
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"out must be where files can be made, got {folder}: "
+            f"{existing} refuses them ({error.strerror})."
+        ) from None
+
+
+def files_beside(out: Path, suffix: str, *endings: str) -> list[Path]:
+    """Name files beside one that must have a suffix, once all of them can be made."""
+    if out.suffix.lower() != suffix:
+        raise ValueError(f"out must end in {suffix}, got {out}.")
+    files = [out.with_name(out.stem + ending) for ending in endings]
+    for file in (out, *files):
+        if file.is_dir():
+            raise ValueError(f"out must be a file, but {file} is a folder.")
+    check_can_write(out.parent)
+    return files

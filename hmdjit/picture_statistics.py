@@ -132,21 +132,26 @@ def difference_squared(
 ) -> Float[Array, ""]:
     """`D(u)^2` in one cell."""
     octaves, harmonics = slope_squared.shape
-    dx, dy = displacement_px[0], displacement_px[1]
+    largest = jnp.max(jnp.abs(displacement_px))
+    is_zero = largest == 0
+    # In units of its larger part: squares of less are too small for float32, and a
+    # quotient's slope has its divisor squared.
+    unit = jax.lax.stop_gradient(jnp.where(is_zero, 1.0, largest))
+    dx, dy = displacement_px[0] / unit, displacement_px[1] / unit
+    dx = jnp.where(is_zero, 1.0, dx)
     length_squared = dx**2 + dy**2
-    is_zero = length_squared == 0
-    safe = jnp.where(is_zero, 1.0, length_squared)
-    cosine, sine = (dx**2 - dy**2) / safe, 2 * dx * dy / safe  # of twice the direction
+    cosine, sine = (dx**2 - dy**2) / length_squared, 2 * dx * dy / length_squared
     waves = [jnp.ones_like(dx)]
-    c, s = cosine, sine
+    c, s = cosine, sine  # of twice the direction
     while len(waves) < harmonics:
         waves += [c, s]
         c, s = c * cosine - s * sine, s * cosine + c * sine
     wave = jnp.stack(waves[:harmonics])
-    octave = 0.5 * jnp.log2(safe / finest_px**2)
+    octave = 0.5 * jnp.log2(length_squared) + jnp.log2(unit / finest_px)
     node = jnp.arange(octaves, dtype=octave.dtype)
     share = jnp.maximum(1 - jnp.abs(jnp.clip(octave, 0, octaves - 1) - node), 0)
-    return jnp.where(is_zero, 0.0, length_squared * (share @ (slope_squared @ wave)))
+    squared = unit**2 * (length_squared * (share @ (slope_squared @ wave)))
+    return jnp.where(is_zero, 0.0, squared)
 
 
 def _to_harmonics(dtype: jnp.dtype) -> Float[Array, "harmonics directions"]:

@@ -159,7 +159,7 @@ WRONG = [
     (["fit", "{good}", "--max-speed", "0"], r"max_speed must lie in \(0, inf\)"),
     (["fit", "{good}", "--out", "x.json"], "out must end in .toml, got x.json"),
     (["fit", "{good}", "--out", "{folder}"], "out must be a file, but .* is a folder"),
-    (["fit", "{good}", "--out", "{good}/x.toml"], "good.csv is a file"),
+    (["fit", "{good}", "--out", "{good}/x.toml"], "good.csv refuses them"),
     (["describe", "{text}"], "notes.csv, line 1"),
     (["describe", "{brief}"], "at least 4 s for a spectrum, the longest lasts 3.00 s"),
     (["describe", "{hourly}"], r"hourly.csv: frame rate must lie in \[5, 2000\]"),

@@ -401,6 +401,22 @@ def test_kurtosis_of_no_motion_is_0_and_of_the_slowest_that_of_any():
     assert np.isfinite(found[1][1])
 
 
+def test_kurtosis_of_a_slow_wander_has_gradients_in_float32():
+    # What it turns in a frame is 1e-24 of its unit: as a divisor it was squared to 0.
+    def kurtosis(speed, time):
+        bursts, speeds, times = Amplitude(0.4, 0.4), (speed,) * 3, (time,) * 3
+        head = HeadMotion(speeds, times, (0.0,) * 3, time, 0.0, (), bursts)
+        return jnp.sum(head.increment_kurtosis(60.0, memory_s=0.25))
+
+    slopes = {}
+    for dtype in (jnp.float32, jnp.float64):
+        numbers = jnp.asarray(0.5, dtype), jnp.asarray(1e6, dtype)
+        slopes[dtype] = jax.grad(kurtosis, (0, 1))(*numbers)
+    by_speed, by_time = slopes[jnp.float32]
+    assert abs(by_speed) < 1e-4  # it does not depend on the unit
+    np.testing.assert_allclose(by_time, slopes[jnp.float64][1], atol=1e-10)
+
+
 def test_slow_wander_sampled_fast_has_a_spectrum_in_float32():
     # Its determinant, 1e-20, squares to 0: 0 / 0 at 0 Hz.
     def density(time, frequency):

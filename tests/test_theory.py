@@ -455,6 +455,18 @@ def test_at_rest_mtcd_and_its_gradient_are_exactly_0(rng, technique, memory):
         np.testing.assert_array_equal(slope, 0)
 
 
+def test_slopes_of_hardly_moved_pictures_are_numbers_in_float32():
+    # Squared once more, as a quotient's divisor is, 1e-12 px are 0.
+    cells = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), statistics_of(GREY))
+    direction = jnp.asarray([0.6, -0.8], jnp.float32)
+    of_length = lambda length: cells.difference(jnp.tile(length * direction, (64, 1)))
+    slopes = [
+        jax.vmap(jax.jacfwd(of_length))(jnp.asarray([length], jnp.float32))
+        for length in (1e-12, 1e-3)
+    ]
+    np.testing.assert_allclose(*slopes, rtol=1e-5)
+
+
 # --- what is refused ---
 
 

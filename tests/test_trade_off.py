@@ -415,7 +415,7 @@ WRONG = [
     (["trade-off", "--sessions", "1"], r"sessions must be a whole number >= 2, got 1"),
     (["trade-off", "--technique", "taa"], r"technique must be one of"),
     (["trade-off", "--images", "{missing}"], r"missing.png"),
-    (["trade-off", "--out", "{text}/out"], r"out must be a folder that can be written"),
+    (["trade-off", "--out", "{text}/out"], r"out must be where files can be made"),
 ]
 
 

@@ -88,6 +88,26 @@ def head_numbers(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
+def head_slopes(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Errors of their gradients, eps of their larger bound's size."""
+    worst = Worst()
+    for logits, log_bounds in list(_head_points(rng))[:: 3 if quick else 1]:
+        given = [jnp.asarray(x, dtype) for x in (logits, log_bounds)]
+        x = mp.mpf(float(given[0][0, 0]))
+        own = np.eye(logits.size, dtype=bool).reshape(logits.shape * 2)
+        for form in _head_forms[1:]:
+            found = np.asarray(form(*given), float)
+            worst.add(float(np.max(np.abs(found[~own]))), "the slope by another number")
+            of_axes = found[own].reshape(logits.shape)[:, 0]
+            for ours, a, b in zip(
+                of_axes.tolist(), *np.asarray(given[1], float).tolist(), strict=True
+            ):
+                exact = (mp.mpf(b) - mp.mpf(a)) * _logistic(x) * _logistic(-x)
+                off = abs(mp.mpf(ours) - exact) / max(abs(a), abs(b))
+                worst.add(float(off) / _eps(dtype), f"logit {x} of {a!r} to {b!r}")
+    return worst.found
+
+
 def head_range(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Count numbers of a head beyond their bounds, and gradients that are none."""
     worst = Worst()
@@ -150,8 +170,16 @@ def _points(rng: _Rng, space: CurveSpace, quick: bool) -> Iterator[np.ndarray]:
             point = rng.normal(size=space.size)
             point[i] = x
             yield point
-    for _ in range(20):
-        yield rng.choice(COORDINATES, space.size)
+    yield from _mixed_points(rng, space)
+
+
+def _mixed_points(rng: _Rng, space: CurveSpace) -> Iterator[np.ndarray]:
+    for n in range(20):
+        yield (
+            rng.choice(COORDINATES, space.size)
+            if n % 2
+            else rng.normal(size=space.size)
+        )
 
 
 def _exact_natural(space: CurveSpace, point: list) -> list:
@@ -191,6 +219,34 @@ def curve_numbers(rng: _Rng, dtype: str, quick: bool) -> _Found:
                 off /= max(truth, mp.mpf(_SMALLEST))
                 where = f"{name} of {space.family} at {given.tolist()}"
                 worst.add(float(off) / _eps(dtype), where)
+    return worst.found
+
+
+def curve_slopes(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Errors of their gradients, in eps of the slope or of the number itself."""
+    worst, step = Worst(), mp.mpf(10) ** -60
+    for space in _spaces(quick):
+        for point in _mixed_points(rng, space):
+            given = jnp.asarray(point, dtype)
+            at = [mp.mpf(x) for x in given.tolist()]
+            size = [abs(x) for x in _exact_natural(space, at)]
+            forward, reverse = (np.asarray(x, float) for x in _slopes(space, given))
+            for column, x in enumerate(at):
+                if abs(x) == _FARTHEST:  # where coordinates stop to count
+                    continue
+                beside = [
+                    _exact_natural(space, [*at[:column], x + h, *at[column + 1 :]])
+                    for h in (step, -step)
+                ]
+                for row, (name, ahead, behind) in enumerate(
+                    zip(space.names, *beside, strict=True)
+                ):
+                    exact = (ahead - behind) / (2 * step)
+                    unit = max(abs(exact), size[row], mp.mpf(_SMALLEST))
+                    for ours in (forward[row, column], reverse[row, column]):
+                        off = abs(mp.mpf(float(ours)) - exact) / unit
+                        where = f"{name} of {space.family} at {given.tolist()}"
+                        worst.add(float(off) / _eps(dtype), f"{where} by {column}")
     return worst.found
 
 
@@ -251,9 +307,11 @@ def runs() -> list[Run]:
     head, curve = "whittle.log_values", "CurveSpace.natural"
     return [
         Run(head, f"{over}; 1.6 to 1000 Hz", head_numbers, few, "eps"),
+        Run(f"{head}, gradients", over, head_slopes, few, "eps", is_slow=True),
         Run(f"{head}, range and gradients", over, head_range, none, "numbers"),
         Run("whittle.start_logits", "back to the starts", head_starts, few, "eps"),
         Run(curve, over, curve_numbers, powers, "eps"),
+        Run(f"{curve}, gradients", over, curve_slopes, powers, "eps", is_slow=True),
         Run(
             f"{curve}, range and gradients",
             over,

@@ -7,6 +7,7 @@ gradients must be numbers. What is out of range must not spread.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -14,13 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import clips, metrics, quaternion, scenes
+from .. import clips, metrics, quaternion, scenes, theory
 from ..camera import Camera, Region
-from ..frame import GATHER
+from ..frame import GATHER, Motion
 from ..head_motion import HeadMotion
 from ..head_motion.parameters import Amplitude, Resonator
+from ..picture_statistics import PictureStatistics
 from ..simulation import simulate
-from ..techniques import SSAA, HeadMovement
+from ..techniques import SSAA, HeadMovement, NoAntialiasing
 from .heads import RATES_HZ, TIMES_S
 from .measuring import Bound, Run, Worst
 from .poses import poses_of
@@ -152,6 +154,33 @@ def session_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
+def prediction_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of `theory.predict`, at rest and in motion, of any memory."""
+    del rng
+    display, texture = texture_of_noise()
+    statistics = PictureStatistics.of(texture, display, cell_px=48)
+    worst = Worst()
+
+    @partial(jax.jit, static_argnames="memory")
+    @jax.value_and_grad
+    def flicker(arguments: tuple, memory: int) -> Any:
+        statistics, technique, turn_rad = arguments
+        motion = Motion.of(_poses(turn_rad))
+        found = theory.predict(statistics, display, technique, motion, memory=memory)
+        return jnp.mean(found)
+
+    members = techniques()["one past sample"][:: 3 if quick else 1]
+    for technique in (NoAntialiasing(), *members):
+        for turn in TURNS_RAD:
+            for memory in (0, 4):
+                given = jax.tree.map(
+                    lambda x: jnp.asarray(x, dtype), (statistics, technique, turn)
+                )
+                bad = bad_leaves(flicker(given, memory))
+                worst.add(float(bad), f"{technique!r}, memory {memory}, {turn!r} rad")
+    return worst.found
+
+
 def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     """Count them of laws and of kurtosis: heads at rest, slow, stiff, resonant."""
     worst = Worst()
@@ -244,6 +273,14 @@ def runs() -> list[Run]:
             "0 to 0.01 rad",
             session_gradients,
             single,
+            unit,
+            is_slow=True,
+        ),
+        Run(
+            "theory.predict, gradients",
+            "0 to pi rad, w and d 0 to 1, h_max 1e-20 to 1e20",
+            prediction_gradients,
+            none,
             unit,
             is_slow=True,
         ),

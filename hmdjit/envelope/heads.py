@@ -14,7 +14,7 @@ from mpmath import mp
 
 from ..head_motion import HeadMotion
 from ..head_motion.base import discretise
-from ..head_motion.parameters import Resonator
+from ..head_motion.parameters import Amplitude, Resonator
 from . import oracles as exact
 from .cases import eps
 from .measuring import Case, Inputs
@@ -263,6 +263,32 @@ def _no_underflow(inputs: Callable, power: float) -> Callable:
     return kept
 
 
+_MEMORY_S = 8 / 60
+
+
+def _kurtosis(
+    speed: Any, time: Any, returns: Any, noise: Any, sd: Any, bursts: Any
+) -> Any:
+    head = HeadMotion(
+        (speed,) * 3, (time,) * 3, (noise,) * 3, returns, 0.0, (), Amplitude(sd, bursts)
+    )
+    return head.increment_kurtosis(60.0, memory_s=_MEMORY_S)[0]
+
+
+def _exact_kurtosis(*arguments: Any) -> list:
+    return [exact.kurtosis(mp.mpf(1) / 60, *(x[()] for x in arguments))]
+
+
+def _bursts(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
+    """Heads at rest, with a tracker without noise or with more than they turn."""
+    for n, found in enumerate(list(_wanders(rng, dtype))[::2]):
+        speed = (found[0], np.asarray(0, dtype))[n % 9 == 8]
+        noise = (0.0, 1e-3, 1.0)[n % 3] * float(found[0]) / 60
+        sd = (0.4, 0.0, 1e-6, 1.0)[n % 4]
+        time = (0.4, 1e-6, 1e6, _time(rng))[n // 4 % 4]
+        yield speed, *found[1:], *_as(dtype, noise, sd, time)
+
+
 def cases() -> list[Case]:
     """Rates of 1 to 10,000 Hz, times of 1e-6 to 1e6 s."""
     laws = "times 1e-6 to 1e6 s either way round, 1 to 10,000 Hz"
@@ -286,6 +312,17 @@ def cases() -> list[Case]:
             _exact_increment_rms,
             _no_underflow(rated, 1e-17),
             eps(16, 32),
+            slope_floor=1.0,
+            is_slow=True,
+        ),
+        Case(
+            "HeadMotion.increment_kurtosis",
+            "times 1e-6 to 1e6 s, 60 Hz, bursts of 0 to 1; at rest",
+            _kurtosis,
+            _exact_kurtosis,
+            _bursts,
+            eps(32, 64),
+            floor=1e-12,
             slope_floor=1.0,
             is_slow=True,
         ),

@@ -1,9 +1,10 @@
-"""The envelope's cases of metrics: MTCD, MSE, RMSD, PSNR, SNR.
+"""The envelope's cases of metrics: MTCD, MSE, RMSD, PSNR, SNR, and MTCD's prediction.
 
 Pictures are equal, nearly equal, black, of one changed pixel, and far
 brighter than white.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import metrics
+from ..picture_statistics import DIRECTIONS, PictureStatistics
 from .cases import eps
 from .measuring import Bound, Case, Inputs, Run, Worst
 from .oracles import mp
@@ -111,6 +113,43 @@ def streams(rng: _Rng, dtype: str, quick: bool) -> tuple[float, str]:
     return worst.found
 
 
+_OCTAVES, _FINEST_PX = 3, 0.25
+
+
+def _displaced(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
+    """Statistics of a cell, smallest tabled length and displacement, px."""
+    lengths = (0.0, 1e-15, 1e-6, 0.2, 0.3, 0.6, 0.9, 3.0, 1e3, 1e6)
+    for n, length in enumerate((*lengths, *lengths, *10 ** rng.uniform(-2, 2, 20))):
+        waves = rng.uniform(-0.1, 0.1, (_OCTAVES, DIRECTIONS))
+        waves[:, 0] = 1.0
+        angle = (0.0, math.tau / 8, rng.uniform(0, math.tau))[n % 3]
+        displacement = length * np.array([math.cos(angle), math.sin(angle)])
+        numbers = waves * 10 ** rng.uniform(-8, 0), _FINEST_PX, displacement
+        yield tuple(np.asarray(x, dtype) for x in numbers)
+
+
+def _difference(slope_squared: Any, finest_px: Any, displacement_px: Any) -> Any:
+    cell = PictureStatistics(slope_squared[None], finest_px, 64, False)
+    return cell.difference(displacement_px[None])[0]
+
+
+def _exact_difference(slope_squared: Any, finest_px: Any, displacement: Any) -> list:
+    dx, dy = displacement
+    length, direction = mp.hypot(dx, dy), mp.atan2(dy, dx)
+    if not length:
+        return [mp.mpf(0)]
+    turns = [2 * n * direction for n in range(1, DIRECTIONS // 2 + 1)]
+    waves = [mp.mpf(1), *(f(x) for x in turns for f in (mp.cos, mp.sin))][:DIRECTIONS]
+    octave = min(max(mp.log(length / finest_px[()], 2), mp.mpf(0)), _OCTAVES - 1)
+    below = min(int(octave), _OCTAVES - 2)
+    near, far = (mp.fdot(slope_squared[below + i], waves) for i in (0, 1))
+    return [length * mp.sqrt(near + (octave - below) * (far - near))]
+
+
+def _at_rest(slope_squared: Any, finest_px: Any, displacement_px: np.ndarray) -> bool:
+    return not displacement_px.any()
+
+
 def cases() -> list[Case]:
     """Pictures of 0 and 1e-8 to 1e6."""
     over = "0, 1e-8 to 1e6: equal, one channel of one pixel, all by 4 eps or 1e-9"
@@ -146,6 +185,16 @@ def cases() -> list[Case]:
             _pictures,
             has_kink=_no_ratio,
             **levels,
+        ),
+        Case(
+            "PictureStatistics.difference",
+            "0, 1e-15 to 1e6 px, before, between and beyond tabled lengths",
+            _difference,
+            _exact_difference,
+            _displaced,
+            eps(16, 32),
+            slope_floor=1.0,
+            has_kink=_at_rest,
         ),
     ]
 

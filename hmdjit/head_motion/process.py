@@ -368,6 +368,9 @@ def _increment_kurtosis(
     parts = parts._replace(angle_unit_deg=parts.angle_unit_deg / unit[None])
     given = components.turn_memory(parts, rate_hz, frames)
     total = jnp.sum(given, axis=0) + 2 * (tracker / unit) ** 2
+    # Nor the square that a quotient's slope divides by.
+    size = jax.lax.stop_gradient(jnp.where(total > 0, total, 1.0))
+    given, total = given / size[None], total / size
     given = given / jnp.where(total > 0, total, 1.0)[None]
     pairs = jax.vmap(partial(jax.scipy.signal.correlate, method="fft"), 1, 1)
     pairs = pairs(given, given)  # by lag, from 1 - frames to frames - 1
