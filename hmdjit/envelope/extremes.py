@@ -6,7 +6,7 @@ speed up to rounding, and turned so far that nothing seen before is in view: all
 gradients must be numbers. What is out of range must not spread.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -181,13 +181,39 @@ def prediction_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
     return worst.found
 
 
-def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Count them of laws and of kurtosis: heads at rest, slow, stiff, resonant."""
+def _heads(quick: bool) -> Iterator[tuple[HeadMotion, float]]:
+    """Heads at rest, slow, stiff, resonant, in bursts, and a rate each, Hz."""
+    pairs = [(a, b) for a in TIMES_S for b in TIMES_S]
+    for n, (time, back) in enumerate(pairs[:: 5 if quick else 1]):
+        rate = RATES_HZ[n % 5]
+        frequency = (3.0, rate / 2, rate, 1e-2)[n % 4]
+        damping = (1.0, 1e-3, 2.0)[n % 3]
+        for speed, noise in ((0.0, 0.0), (1.0, 0.0), (0.0, 0.01), (1e-30, 0.0)):
+            # The other half wanders alone.
+            swing = speed * (n // 2 % 2)
+            mode = Resonator((swing,) * 3, (frequency,) * 3, (damping,) * 3)
+            bursts = Amplitude((0.0, 0.5)[n % 2], time)
+            per_axis = (speed,) * 3, (time,) * 3, (noise,) * 3
+            yield HeadMotion(*per_axis, back, (0.0, 0.2)[n % 2], (mode,), bursts), rate
+
+
+def _of_heads(slopes: Callable, dtype: str, quick: bool) -> _Found:
     worst = Worst()
+    for n, (head, rate) in enumerate(_heads(quick)):
+        given = jax.tree.map(lambda x: jnp.asarray(x, dtype), (head, rate))
+        bad = bad_leaves(slopes(given, jax.random.key(n)))
+        worst.add(float(bad), f"{head!r} at {rate:g} Hz")
+    return worst.found
+
+
+def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of laws."""
+    del rng
 
     @jax.jit
     @jax.value_and_grad
-    def laws(arguments: tuple) -> Any:
+    def laws(arguments: tuple, key: Any) -> Any:
+        del key
         head, rate = arguments
         return (
             head.increment_rms_deg(rate)
@@ -198,30 +224,33 @@ def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
             + jnp.sum(head.covariance(1e6 / rate))
         )
 
+    return _of_heads(laws, dtype, quick)
+
+
+def kurtosis_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of kurtosis."""
+    del rng
+
     @jax.jit
     @jax.value_and_grad
-    def tails(head: HeadMotion) -> Any:
-        return jnp.sum(head.increment_kurtosis(60.0, memory_s=0.5))
+    def tails(arguments: tuple, key: Any) -> Any:
+        del key
+        return jnp.sum(arguments[0].increment_kurtosis(60.0, memory_s=0.5))
 
-    pairs = [(a, b) for a in TIMES_S for b in TIMES_S]
-    for n, (time, back) in enumerate(pairs[:: 5 if quick else 1]):
-        for speed, noise in ((0.0, 0.0), (1.0, 0.0), (0.0, 0.01), (1e-30, 0.0)):
-            mode = Resonator((speed,) * 3, (3.0,) * 3, (1.0,) * 3)
-            head = HeadMotion(
-                (speed,) * 3, (time,) * 3, (noise,) * 3, back, 0.0, (mode,)
-            )
-            bursts = Amplitude((0.0, 0.5)[n % 2], time)
-            rate = RATES_HZ[n % 5]
-            cast = lambda x: jnp.asarray(x, dtype)
-            given = jax.tree.map(cast, (head, rate))
-            tailed = eqx.tree_at(
-                lambda h: h.amplitude, head, bursts, is_leaf=lambda x: x is None
-            )
-            bad = bad_leaves(laws(given))
-            bad += bad_leaves(tails(jax.tree.map(cast, tailed)))
-            said = f"times {time:g}, {back:g} s, speed {speed:g}, noise {noise:g}"
-            worst.add(float(bad), f"{said} at {rate:g} Hz")
-    return worst.found
+    return _of_heads(tails, dtype, quick)
+
+
+def drawn_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
+    """Count them of drawn poses."""
+    del rng
+
+    @jax.jit
+    @jax.value_and_grad
+    def turned(arguments: tuple, key: Any) -> Any:
+        head, rate = arguments
+        return jnp.sum(quaternion.increments(head.sample(key, rate, 6)) ** 2)
+
+    return _of_heads(turned, dtype, quick)
 
 
 # --- sessions that are wrong ---
@@ -259,6 +288,7 @@ def runs() -> list[Run]:
     none = {"float32": Bound(0.0), "float64": Bound(0.0)}
     single = {"float32": Bound(0.0)}
     unit = "not finite"
+    heads = "at rest, times 1e-6 to 1e6 s, modes to the rate, 1 to 10,000 Hz"
     return [
         Run(
             "apply, MTCD and gradients",
@@ -284,13 +314,13 @@ def runs() -> list[Run]:
             unit,
             is_slow=True,
         ),
-        Run(
-            "HeadMotion's laws, gradients",
-            "at rest, times 1e-6 to 1e6 s, 1 to 10,000 Hz",
-            head_gradients,
-            none,
-            unit,
-            is_slow=True,
+        *(
+            Run(name, heads, measure, none, unit, is_slow=True)
+            for name, measure in (
+                ("HeadMotion's laws, gradients", head_gradients),
+                ("HeadMotion.increment_kurtosis, gradients", kurtosis_gradients),
+                ("HeadMotion.sample, gradients", drawn_gradients),
+            )
         ),
         Run(
             "simulate, in a batch",

@@ -261,7 +261,7 @@ class Worst:
         """Take in another error; one that is no number is infinite."""
         error = math.inf if math.isnan(error) else float(error)
         if error > self.error or self.where == "nowhere":
-            self.error, self.where = error, where
+            self.error, self.where = error, " ".join(where.split())
 
 
 def _evaluated(
