@@ -47,8 +47,8 @@ def _study_fields() -> list[tuple[str, Any, Any]]:
         ("definition", definition_file, dataclasses.field(default=None))
     ]
     for field in dataclasses.fields(definition.Options):
-        words = field.metadata["metavar"] or None, field.metadata["help"]
-        kind = Annotated[field.type, shown(*words)]
+        metavar, words = field.metadata["metavar"] or None, field.metadata["help"]
+        kind = Annotated[field.type, shown(metavar, words)]
         if field.type is bool:
             kind = tyro.conf.FlagCreatePairsOff[kind]
         fields.append((field.name, kind, dataclasses.field(default=field.default)))

@@ -134,8 +134,8 @@ def difference_squared(
     octaves, harmonics = slope_squared.shape
     largest = jnp.max(jnp.abs(displacement_px))
     is_zero = largest == 0
-    # In units of its larger part: squares of less are too small for float32, and a
-    # quotient's slope has its divisor squared.
+    # In units of the larger part: in float32 small numbers have a square of 0, and a
+    # quotient's slope divides by the square of its divisor.
     unit = jax.lax.stop_gradient(jnp.where(is_zero, 1.0, largest))
     dx, dy = displacement_px[0] / unit, displacement_px[1] / unit
     dx = jnp.where(is_zero, 1.0, dx)

@@ -187,7 +187,7 @@ WRONG_STUDIES = [
     (["--head", "{bad_key}"], r"bad_key.toml: key must be one of .* got 'sesions'"),
     (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
     (["{bad_head}"], r"bad_head.toml: head must be of type str, got 3"),
-    (["--out", "{beneath}"], r"out must be where files can be made.*Not a dir"),
+    (["--out", "{beneath}"], r"out must be where files can be made.* is a file"),
 ]
 
 

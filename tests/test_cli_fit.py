@@ -58,7 +58,7 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path, capsys):
     assert "end in .toml" in _refused(CHECKERBOARD, tmp_path / "curve.csv", capsys)
     (tmp_path / "file").touch()
     error = _refused(CHECKERBOARD, tmp_path / "file" / "curve.toml", capsys)
-    assert "Not a directory" in error
+    assert "is a file" in error
     (tmp_path / "curve-front.png").mkdir()
     assert cli.run([*CHECKERBOARD, "--out", str(tmp_path / "curve.toml")]) == 2
     assert "curve-front.png is a folder" in capsys.readouterr().err

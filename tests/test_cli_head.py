@@ -127,6 +127,7 @@ def test_description_tells_what_was_recorded(traces, tmp_path, capsys):
     assert imread(out).shape[1] == 1650
 
 
+@pytest.mark.slow
 def test_a_description_sets_a_preset_beside_the_recordings(traces, tmp_path, capsys):
     out = tmp_path / "seen.png"
     assert run("describe", *traces, "--model", "tracker_noise", "--out", out) == 0
@@ -159,7 +160,7 @@ WRONG = [
     (["fit", "{good}", "--max-speed", "0"], r"max_speed must lie in \(0, inf\)"),
     (["fit", "{good}", "--out", "x.json"], "out must end in .toml, got x.json"),
     (["fit", "{good}", "--out", "{folder}"], "out must be a file, but .* is a folder"),
-    (["fit", "{good}", "--out", "{good}/x.toml"], "good.csv refuses them"),
+    (["fit", "{good}", "--out", "{good}/x.toml"], "good.csv is a file"),
     (["describe", "{text}"], "notes.csv, line 1"),
     (["describe", "{brief}"], "at least 4 s for a spectrum, the longest lasts 3.00 s"),
     (["describe", "{hourly}"], r"hourly.csv: frame rate must lie in \[5, 2000\]"),

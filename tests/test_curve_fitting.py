@@ -325,7 +325,6 @@ def test_intervals_of_recovered_numbers_cover():
     assert (covered >= 180).all(), covered
 
 
-@pytest.mark.slow
 def test_what_cannot_be_recovered_is_refused():
     space, view, exact = seen()
     few = jax.tree.map(lambda leaf: leaf[:8], (view.motion, view.origins))

@@ -117,7 +117,6 @@ def test_the_minimum_agrees_with_a_plain_whittle_fit(wander_traces):
 # --- the fit ---
 
 
-@pytest.mark.slow
 def test_a_fit_is_close_to_the_truth_by_its_own_errors(wander_fit):
     leaves = lambda head: np.array(jax.tree.leaves(head), float)
     error = leaves(wander_fit.standard_error)

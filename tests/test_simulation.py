@@ -212,6 +212,7 @@ def test_a_program_holds_only_what_its_technique_needs(rng):
     assert program(linear, texture) == (2, [history, displayed, sums])
 
 
+@pytest.mark.slow
 def test_what_does_not_remember_does_not_run_its_warm_up(rng):
     texture, poses = texture_of(rng), path(rng)
     others = poses.copy()
@@ -280,6 +281,7 @@ def test_the_world_has_no_direction(rng):
     np.testing.assert_allclose(ours.mtcd, expected.mtcd, rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_scene_is_baked_at_the_door():
     scene = hj.scenes.zone_plate()
     camera = hj.Camera(width_px=16, height_px=12, fov_deg=20.0)
@@ -556,7 +558,6 @@ def test_gradients_agree_with_central_differences(pulled):
         np.testing.assert_allclose(row, differences, rtol=1e-5, atol=4e-9 * value)
 
 
-@pytest.mark.slow
 def test_a_statue_sees_no_flicker_and_no_gradient_of_it(pulled):
     start, _ = parameters("a statue")
     (mtcd, loss), of_mtcd = pulled(start, jnp.array([1.0, 0.0]))

@@ -49,7 +49,6 @@ def precise():
     return dataset, events
 
 
-@pytest.mark.slow
 def test_every_interval_is_within_the_tolerance(precise):
     rows = rows_of(precise[0])
     for technique in ("none", "head_movement"):

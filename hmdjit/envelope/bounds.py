@@ -94,17 +94,19 @@ def head_slopes(rng: _Rng, dtype: str, quick: bool) -> _Found:
     for logits, log_bounds in list(_head_points(rng))[:: 3 if quick else 1]:
         given = [jnp.asarray(x, dtype) for x in (logits, log_bounds)]
         x = mp.mpf(float(given[0][0, 0]))
+        share, ends = _logistic(x) * _logistic(-x), np.asarray(given[1], float).tolist()
         own = np.eye(logits.size, dtype=bool).reshape(logits.shape * 2)
         for form in _head_forms[1:]:
             found = np.asarray(form(*given), float)
-            worst.add(float(np.max(np.abs(found[~own]))), "the slope by another number")
-            of_axes = found[own].reshape(logits.shape)[:, 0]
-            for ours, a, b in zip(
-                of_axes.tolist(), *np.asarray(given[1], float).tolist(), strict=True
-            ):
-                exact = (mp.mpf(b) - mp.mpf(a)) * _logistic(x) * _logistic(-x)
-                off = abs(mp.mpf(ours) - exact) / max(abs(a), abs(b))
-                worst.add(float(off) / _eps(dtype), f"logit {x} of {a!r} to {b!r}")
+            where = f"logit {float(x)!r} of {log_bounds.tolist()}"
+            other = float(np.max(np.abs(found[~own])))
+            worst.add(other / _eps(dtype), f"{where}, by another number")
+            of_axes = found[own].reshape(logits.shape).tolist()
+            for axes, low, high in zip(of_axes, *ends, strict=True):
+                exact = (mp.mpf(high) - mp.mpf(low)) * share
+                off = max(abs(mp.mpf(ours) - exact) for ours in axes)
+                off /= max(abs(low), abs(high))
+                worst.add(float(off) / _eps(dtype), where)
     return worst.found
 
 
@@ -174,7 +176,7 @@ def _points(rng: _Rng, space: CurveSpace, quick: bool) -> Iterator[np.ndarray]:
 
 
 def _mixed_points(rng: _Rng, space: CurveSpace) -> Iterator[np.ndarray]:
-    for n in range(20):
+    for n in range(40):
         yield (
             rng.choice(COORDINATES, space.size)
             if n % 2

@@ -189,12 +189,14 @@ def _heads(quick: bool) -> Iterator[tuple[HeadMotion, float]]:
         frequency = (3.0, rate / 2, rate, 1e-2)[n % 4]
         damping = (1.0, 1e-3, 2.0)[n % 3]
         for speed, noise in ((0.0, 0.0), (1.0, 0.0), (0.0, 0.01), (1e-30, 0.0)):
-            # The other half wanders alone.
-            swing = speed * (n // 2 % 2)
+            swing = speed * (n // 4 % 2)  # half of the heads have no moving mode
             mode = Resonator((swing,) * 3, (frequency,) * 3, (damping,) * 3)
-            bursts = Amplitude((0.0, 0.5)[n % 2], time)
+            bursts = Amplitude((0.0, 0.5)[n // 8 % 2], time)
             per_axis = (speed,) * 3, (time,) * 3, (noise,) * 3
-            yield HeadMotion(*per_axis, back, (0.0, 0.2)[n % 2], (mode,), bursts), rate
+            yield (
+                HeadMotion(*per_axis, back, (0.2, 0.0)[n // 8 % 2], (mode,), bursts),
+                rate,
+            )
 
 
 def _of_heads(slopes: Callable, dtype: str, quick: bool) -> _Found:

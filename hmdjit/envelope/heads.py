@@ -280,9 +280,9 @@ def _exact_kurtosis(*arguments: Any) -> list:
 
 
 def _bursts(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
-    """Heads at rest, with a tracker without noise or with more than they turn."""
+    """Wander, or rest; a tracker that is silent, quiet, or louder than the turns."""
     for n, found in enumerate(list(_wanders(rng, dtype))[::2]):
-        speed = (found[0], np.asarray(0, dtype))[n % 9 == 8]
+        speed = (found[0], np.asarray(0, dtype))[n % 10 == 9]
         noise = (0.0, 1e-3, 1.0)[n % 3] * float(found[0]) / 60
         sd = (0.4, 0.0, 1e-6, 1.0)[n % 4]
         time = (0.4, 1e-6, 1e6, _time(rng))[n // 4 % 4]

@@ -261,6 +261,7 @@ class Worst:
         """Take in another error; one that is no number is infinite."""
         error = math.inf if math.isnan(error) else float(error)
         if error > self.error or self.where == "nowhere":
+            # In one line, as a row is: models are written in several.
             self.error, self.where = error, " ".join(where.split())
 
 

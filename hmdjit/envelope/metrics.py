@@ -124,7 +124,7 @@ def _displaced(rng: _Rng, dtype: np.dtype) -> Iterator[Inputs]:
         waves[:, 0] = 1.0
         angle = (0.0, math.tau / 8, rng.uniform(0, math.tau))[n % 3]
         displacement = length * np.array([math.cos(angle), math.sin(angle)])
-        numbers = waves * 10 ** rng.uniform(-8, 0), _FINEST_PX, displacement
+        numbers = waves * 10 ** rng.uniform(-6, 0), _FINEST_PX, displacement
         yield tuple(np.asarray(x, dtype) for x in numbers)
 
 

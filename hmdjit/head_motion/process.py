@@ -368,7 +368,8 @@ def _increment_kurtosis(
     parts = parts._replace(angle_unit_deg=parts.angle_unit_deg / unit[None])
     given = components.turn_memory(parts, rate_hz, frames)
     total = jnp.sum(given, axis=0) + 2 * (tracker / unit) ** 2
-    # Nor the square that a quotient's slope divides by.
+    # Over its own size first: a quotient's slope divides by the square of its divisor,
+    # which here is too small for float32.
     size = jax.lax.stop_gradient(jnp.where(total > 0, total, 1.0))
     given, total = given / size[None], total / size
     given = given / jnp.where(total > 0, total, 1.0)[None]
