@@ -347,6 +347,7 @@ def test_a_stencil_is_not_cut_off_at_block_edges(rng, texture):
     check_the_same(by(SLICES, (8, 10)), by(GATHER))
 
 
+@pytest.mark.slow
 def test_a_filter_is_in_the_programs_of_those_who_read_through_it(rng, texture):
     motion = jax.tree.map(lambda leaf: leaf[1], motions(rng))
 

@@ -15,8 +15,14 @@ from hmdjit.techniques import HeadMovement
 # --- maps ---
 
 
+RUNS = [
+    pytest.param(run, marks=pytest.mark.slow if run.is_slow else (), id=run.name)
+    for run in bounds.runs()
+]
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("run", bounds.runs(), ids=lambda run: run.name)
+@pytest.mark.parametrize("run", RUNS)
 def test_maps_are_right_and_within_their_ranges(run, dtype):
     with mp.workdps(DIGITS):
         error, where = run.measure(np.random.default_rng(0), dtype, True)

@@ -136,6 +136,7 @@ def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng
         np.testing.assert_allclose(ours.mtcd, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_one_compilation_serves_all_numbers(rng):
     # Camera, poses, texture, region and the technique's numbers are leaves.
     simulated(Counting(jnp.asarray(rng.random(FRAMES))), texture_of(rng), path(rng))

@@ -394,6 +394,7 @@ def test_resolving_a_colour_that_all_samples_share_gives_it_back(rng, space):
     np.testing.assert_allclose(shown, picture, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_head_movement_resolves_before_it_blends(rng):
     frames = rng.random((4, 4, *SIZE))
     poses = turning(7.0, 4)
@@ -513,7 +514,13 @@ def test_spatial_techniques_refuse_what_they_do_not_know(make, message):
         make()
 
 
-@pytest.mark.parametrize("closeness", [(2 / 3,), (0.2, 0.9), (0.5,) * 16])
+@pytest.mark.parametrize(
+    "closeness",
+    [
+        (2 / 3,),
+        *(pytest.param(d, marks=pytest.mark.slow) for d in ((0.2, 0.9), (0.5,) * 16)),
+    ],
+)
 def test_masked_history_that_is_no_number_stays_out_of_gradients(rng, closeness):
     # Through the weights of equation (2), and through where the samples are read.
     color = jnp.asarray(rng.random((1, 3, 4, 5)))

@@ -443,7 +443,7 @@ def test_gradients(rng):
     [
         (NoAntialiasing(), 0),
         (Freeze(), 0),
-        (TWO_SAMPLES, 4),
+        pytest.param(TWO_SAMPLES, 4, marks=pytest.mark.slow),
         pytest.param(TWO_SAMPLES, 0, marks=pytest.mark.slow),
     ],
     ids=["none", "freeze", "head_movement", "head_movement, first order"],

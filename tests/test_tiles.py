@@ -164,6 +164,7 @@ def test_motion_away_from_an_edge_needs_no_halo():
 STEEP = hj.curves.Cosine(4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kim", "widest_px"),
     [

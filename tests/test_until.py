@@ -49,6 +49,7 @@ def precise():
     return dataset, events
 
 
+@pytest.mark.slow
 def test_every_interval_is_within_the_tolerance(precise):
     rows = rows_of(precise[0])
     for technique in ("none", "head_movement"):
@@ -60,6 +61,12 @@ def test_every_interval_is_within_the_tolerance(precise):
         assert rows[technique, "grey"].high <= 2 * until.FLOOR_MTCD
         assert math.isnan(rows[technique, "grey"].ratio)
     assert rows["freeze", "noise"].mean == rows["freeze", "noise"].high == 0
+
+
+def test_one_technique_alone_is_known_within_the_tolerance():
+    plain = (NoAntialiasing(),)
+    row = rows_of(study(techniques=plain).run(3, tolerance=0.1))["none", "noise"]
+    assert 0 < row.high - row.low <= 2 * 0.1 * row.mean
 
 
 @pytest.mark.slow
