@@ -199,60 +199,40 @@ def _heads(quick: bool) -> Iterator[tuple[HeadMotion, float]]:
             )
 
 
-def _of_heads(slopes: Callable, dtype: str, quick: bool) -> _Found:
-    worst = Worst()
-    for n, (head, rate) in enumerate(_heads(quick)):
-        given = jax.tree.map(lambda x: jnp.asarray(x, dtype), (head, rate))
-        bad = bad_leaves(slopes(given, jax.random.key(n)))
-        worst.add(float(bad), f"{head!r} at {rate:g} Hz")
-    return worst.found
+def _of_heads(score: Callable) -> Callable[[_Rng, str, bool], _Found]:
+    """Count what is not finite of a head's score, at a rate and with a key."""
+
+    def measure(rng: _Rng, dtype: str, quick: bool) -> _Found:
+        del rng
+        slopes, worst = jax.jit(jax.value_and_grad(score, (0, 1))), Worst()
+        for n, (head, rate) in enumerate(_heads(quick)):
+            given = jax.tree.map(lambda x: jnp.asarray(x, dtype), (head, rate))
+            bad = bad_leaves(slopes(*given, jax.random.key(n)))
+            worst.add(float(bad), f"{head!r} at {rate:g} Hz")
+        return worst.found
+
+    return measure
 
 
-def head_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Count them of laws."""
-    del rng
-
-    @jax.jit
-    @jax.value_and_grad
-    def laws(arguments: tuple, key: Any) -> Any:
-        del key
-        head, rate = arguments
-        return (
-            head.increment_rms_deg(rate)
-            + jnp.sum(head.increment_covariance(1, rate))
-            + jnp.sum(head.velocity_spectrum(rate / 3))
-            + jnp.sum(head.sampled_velocity_spectrum(0 * rate, rate))
-            + jnp.sum(head.structure_function(1e3 / rate))
-            + jnp.sum(head.covariance(1e6 / rate))
-        )
-
-    return _of_heads(laws, dtype, quick)
+def _laws(head: HeadMotion, rate: Any, key: Any) -> Any:
+    del key
+    return (
+        head.increment_rms_deg(rate)
+        + jnp.sum(head.increment_covariance(1, rate))
+        + jnp.sum(head.velocity_spectrum(rate / 3))
+        + jnp.sum(head.sampled_velocity_spectrum(0 * rate, rate))
+        + jnp.sum(head.structure_function(1e3 / rate))
+        + jnp.sum(head.covariance(1e6 / rate))
+    )
 
 
-def kurtosis_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Count them of kurtosis."""
-    del rng
-
-    @jax.jit
-    @jax.value_and_grad
-    def tails(arguments: tuple, key: Any) -> Any:
-        del key
-        return jnp.sum(arguments[0].increment_kurtosis(60.0, memory_s=0.5))
-
-    return _of_heads(tails, dtype, quick)
+def _kurtosis(head: HeadMotion, rate: Any, key: Any) -> Any:
+    del rate, key
+    return jnp.sum(head.increment_kurtosis(60.0, memory_s=0.5))
 
 
-def drawn_gradients(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Count them of drawn poses."""
-    del rng
-
-    @jax.jit
-    @jax.value_and_grad
-    def turned(arguments: tuple, key: Any) -> Any:
-        head, rate = arguments
-        return jnp.sum(quaternion.increments(head.sample(key, rate, 6)) ** 2)
-
-    return _of_heads(turned, dtype, quick)
+def _drawn(head: HeadMotion, rate: Any, key: Any) -> Any:
+    return jnp.sum(quaternion.increments(head.sample(key, rate, 6)) ** 2)
 
 
 # --- sessions that are wrong ---
@@ -317,11 +297,11 @@ def runs() -> list[Run]:
             is_slow=True,
         ),
         *(
-            Run(name, heads, measure, none, unit, is_slow=True)
-            for name, measure in (
-                ("HeadMotion's laws, gradients", head_gradients),
-                ("HeadMotion.increment_kurtosis, gradients", kurtosis_gradients),
-                ("HeadMotion.sample, gradients", drawn_gradients),
+            Run(name, heads, _of_heads(score), none, unit, is_slow=True)
+            for name, score in (
+                ("HeadMotion's laws, gradients", _laws),
+                ("HeadMotion.increment_kurtosis, gradients", _kurtosis),
+                ("HeadMotion.sample, gradients", _drawn),
             )
         ),
         Run(

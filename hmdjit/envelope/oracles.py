@@ -362,35 +362,6 @@ class Exponentials:
         return 2 * rate_hz * differenced * mp.re(total)
 
 
-def kurtosis(
-    dt: Any, speed: Any, time_s: Any, return_s: Any, noise: Any, sd: Any, bursts_s: Any
-) -> Any:
-    """Excess kurtosis of a wandering head's turns, of 8 frames' memory.
-
-    By the response to an impulse of noise: what one frame's noise gives to the turn of
-    a later frame is the integral of squared differences of the response.
-    """
-    a, b = 1 / time_s, 1 / return_s
-    if a == b:
-        b = b * (1 + mp.mpf(10) ** -60)
-    size, given = speed * mp.sqrt(2 * a) / (a - b), []
-    for k in range(8):
-        terms = []  # of the response's difference, within a frame
-        for sign, rate in ((size, b), (-size, a)):
-            before = mp.exp(-rate * (k - 1) * dt) if k else 0
-            terms.append((sign * (mp.exp(-rate * k * dt) - before), rate))
-        products = [(c * d, r + q) for c, r in terms for d, q in terms]
-        given.append(mp.fsum(-c * mp.expm1(-r * dt) / r for c, r in products))
-    total = mp.fsum(given) + 2 * noise**2
-    if not total:
-        return mp.mpf(0)
-    shared = lambda lag: mp.expm1(4 * sd**2 * mp.exp(-lag * dt / bursts_s))
-    pairs = mp.fsum(
-        given[i] * given[j] * shared(abs(i - j)) for i in range(8) for j in range(8)
-    )
-    return 3 * pairs / total**2
-
-
 def transition(drift: np.ndarray, diffusion: np.ndarray, dt: Any) -> list:
     """Transition minus identity, and noise's covariance, of two coupled states.
 
