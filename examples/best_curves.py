@@ -14,8 +14,9 @@ import jax
 import numpy as np
 
 import hmdjit as hj
-from hmdjit.curve_fitting import CurveFit, CurveSpace, NoFitError, fit, report
-from hmdjit.studies.tiles import Tiles
+from hmdjit.curve_fitting import CurveFit, CurveSpace, NoFitError, fit
+from hmdjit.reports import curve_fitting as report
+from hmdjit.studies.measured_blocks import Tiles
 
 SCENES = ("coffee", "grass", "rocket", "text")
 HEADS = ("fixating", "seated", "free_viewing", "tracker_noise")

@@ -17,8 +17,8 @@ import matplotlib
 from matplotlib import pyplot as plt
 
 import hmdjit as hj
-from hmdjit.head_motion import fitting, statistics
-from hmdjit.studies.results import POOLED, SummaryRow, summarize
+from hmdjit.estimates.summary import POOLED, SummaryRow, summarize
+from hmdjit.head_fitting import fitting, statistics
 
 PRESETS = ("fixating", "seated", "free_viewing", "tracker_noise")
 DRAWS = 4  # persons of the model for each recorded segment

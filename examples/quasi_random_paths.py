@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 import hmdjit as hj
-from hmdjit import theory
-from hmdjit.picture_statistics import PictureStatistics
+from hmdjit.theory import prediction as theory
+from hmdjit.theory.picture_statistics import PictureStatistics
 
 FRAMES, WARMUP, PATHS, REPLICATES, MODES = 22, 12, 1024, 48, 9
 CELL_PX = 64

@@ -17,8 +17,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import hmdjit as hj
-from hmdjit.studies.intervals import ratio_interval
-from hmdjit.studies.tiles import CentralCrop
+from hmdjit.estimates.intervals import ratio_interval
+from hmdjit.studies.measured_blocks import CentralCrop
 
 RATE_HZ, FRAMES, WARMUP = 60.0, 10, 12
 W_MIN, D = 0.3, 2 / 3  # Kim et al.

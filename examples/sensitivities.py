@@ -12,8 +12,9 @@ import jax
 import rich.console
 
 import hmdjit as hj
-from hmdjit.studies import sensitivity, sensitivity_report
-from hmdjit.studies.study import Progress
+from hmdjit.reports import sensitivity as sensitivity_report
+from hmdjit.sensitivity import sensitivity
+from hmdjit.studies.progress import Progress
 
 
 def tell(event: Progress) -> None:

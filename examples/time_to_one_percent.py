@@ -15,10 +15,10 @@ import jax
 import numpy as np
 
 import hmdjit as hj
-from hmdjit.studies.intervals import Z95
-from hmdjit.studies.results import summarize
-from hmdjit.studies.study import Progress
-from hmdjit.studies.tiles import Tiles, WholeFrame
+from hmdjit.estimates.intervals import Z95
+from hmdjit.estimates.summary import summarize
+from hmdjit.studies.measured_blocks import Tiles, WholeFrame
+from hmdjit.studies.progress import Progress
 
 TOLERANCE = 0.01
 

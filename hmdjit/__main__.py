@@ -13,7 +13,7 @@ def main() -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
     jax.config.update("jax_num_cpu_devices", max(1, min(cores, 4)))
     try:
-        from .cli import INTERRUPTED, run
+        from .cli.main import INTERRUPTED, run
     except ImportError as error:
         sys.exit(f"hmdjit: error: {error}; the command line needs `hmdjit[study]`.")
     code = run(sys.argv[1:])

@@ -6,8 +6,9 @@ from jaxtyping import Array, Float
 
 from ._types import Rgb, RotationVector
 from .camera import Camera, Region
-from .frame import GATHER, Displacement, Frame, Reading
-from .sources import Texture
+from .frames.displacement import GATHER, Displacement, Reading
+from .frames.frame import Frame
+from .frames.sources import Texture
 
 
 def render(

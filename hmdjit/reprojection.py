@@ -6,7 +6,8 @@ out. `d = 1` is the current pose (no displacement), `d = 0` the previous one.
 """
 
 from ._types import RotationVector, Scalar
-from .frame import Displacement, Frame
+from .frames.displacement import Displacement
+from .frames.frame import Frame
 
 
 def past_position(

@@ -7,7 +7,8 @@ import numpy as np
 from jax.random import clone
 from scipy.spatial.transform import Rotation
 
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, Trace, whittle
+from hmdjit.head_fitting import whittle
+from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, Trace
 
 _TRACKER = (0.0037, 0.0036, 0.0034)
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hmdjit as hj
-from hmdjit import blocks, session
-from hmdjit.blocks import Blocks
 from hmdjit.camera import Region
-from hmdjit.frame import GATHER, SLICES, Reading
-from hmdjit.sources import History
+from hmdjit.frames.displacement import GATHER, SLICES, Reading
+from hmdjit.frames.sources import History
+from hmdjit.simulation import blocks, session
+from hmdjit.simulation.blocks import Blocks
 from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from strategies import rotation_vectors
 
 from hmdjit import camera as pinhole
-from hmdjit import quaternion
+from hmdjit import camera_bounds, quaternion
 from hmdjit.camera import Camera, Region
 
 CAMERA = Camera()  # 1024 px, 96 deg
@@ -71,7 +71,7 @@ def test_whole_numbers_are_fine_as_angles_and_rates():
 def test_one_compilation_serves_every_camera_of_a_shape_and_every_tile():
     @eqx.debug.assert_max_traces(max_traces=1)
     def bound(camera, region, rotation):
-        return pinhole.displacement_bound(camera, region, rotation)
+        return camera_bounds.displacement_bound(camera, region, rotation)
 
     compiled = jax.jit(bound)
     for fov_deg, x0 in [(90.0, 0), (100.0, 7)]:
@@ -270,7 +270,7 @@ def largest_displacement(camera, region, rotation):
     return jnp.where(in_front.all(), largest, jnp.inf)
 
 
-BOUND = jax.jit(pinhole.displacement_bound)
+BOUND = jax.jit(camera_bounds.displacement_bound)
 LARGEST = jax.jit(largest_displacement)
 
 

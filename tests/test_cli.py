@@ -10,10 +10,11 @@ import pytest
 import xarray
 
 import hmdjit as hj
-from hmdjit import cli
+from hmdjit.cli import main as cli
 from hmdjit.head_motion import presets
-from hmdjit.session import Result
-from hmdjit.studies import measuring, report
+from hmdjit.reports import study as report
+from hmdjit.simulation.session import Result
+from hmdjit.studies import runner as measuring
 
 SMALL = [
     *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),

@@ -5,7 +5,8 @@ import tomllib
 
 import pytest
 
-from hmdjit import cli, cli_fit
+from hmdjit.cli import fit as cli_fit
+from hmdjit.cli import main as cli
 from hmdjit.techniques import curve_file
 
 TINY = [

@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import hmdjit as hj
-from hmdjit import cli
-from hmdjit.head_motion import fitting
-from hmdjit.studies import definition
+from hmdjit.cli import definition
+from hmdjit.cli import main as cli
+from hmdjit.head_fitting import fitting
 
 MODEL = """speed_rms_deg_s = [1.0, 0.8, 0.6]
 correlation_time_s = [0.15, 0.2, 0.1]
@@ -240,7 +240,7 @@ def test_an_interruption_ends_with_a_word_and_without_files(
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fitting, "fit", interrupt)
-    monkeypatch.setattr("hmdjit.studies.head_figure.save", interrupt)
+    monkeypatch.setattr("hmdjit.figures.head.save", interrupt)
     assert run(name, *traces) == 130
     assert capsys.readouterr().err == "hmdjit: stopped.\n"
     assert not list(tmp_path.iterdir())
@@ -251,7 +251,7 @@ def test_a_failed_figure_leaves_no_model(traces, tmp_path, monkeypatch, capsys):
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hmdjit.studies.head_figure.save", fail)
+    monkeypatch.setattr("hmdjit.figures.head.save", fail)
     out = tmp_path / "me.csv"
     assert run("sample", *SHORT, "--out", out) == 2
     assert capsys.readouterr().err == "hmdjit: error: No space left on device\n"

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hmdjit import curves, techniques
-from hmdjit.studies import definition
+from hmdjit.cli import definition
 from hmdjit.techniques import SSAA, HeadMovement, curve_file
 
 SPLINE = curves.Spline((0.1, 0.0, 1 / 3, 2e-9))

@@ -13,15 +13,16 @@ import scipy.optimize
 import viewing as views
 
 import hmdjit as hj
-from hmdjit import curve_fitting, devices
+from hmdjit import curve_fitting
 from hmdjit.curve_fitting import CurveSpace, NoFitError, errors, measuring, search
 from hmdjit.curve_fitting.results import FrontPoint, Kept
 from hmdjit.curves import Cosine
-from hmdjit.frame import GATHER, SLICES
-from hmdjit.session import differentiable_session
-from hmdjit.studies.measuring import Runner
+from hmdjit.frames.displacement import GATHER, SLICES
+from hmdjit.simulation import sharding as devices
+from hmdjit.simulation.session import differentiable_session
+from hmdjit.studies.measured_blocks import Tiles
+from hmdjit.studies.runner import Runner
 from hmdjit.studies.sessions import Sessions
-from hmdjit.studies.tiles import Tiles
 
 CAMERA = hj.Camera(32, 32, fov_deg=4.0, refresh_hz=60.0)
 WARMUP, FRAMES, TILE = 3, 4, 8

@@ -5,9 +5,9 @@ import jax
 import pytest
 
 import hmdjit as hj
+from hmdjit.cli import definition
+from hmdjit.cli.definition import Options
 from hmdjit.head_motion import presets
-from hmdjit.studies import definition
-from hmdjit.studies.definition import Options
 
 FEW = Options(scenes=("noise",), techniques=("none",))
 

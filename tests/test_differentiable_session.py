@@ -13,7 +13,7 @@ import viewing
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
 import hmdjit as hj
-from hmdjit.frame import GATHER
+from hmdjit.frames.displacement import GATHER
 from hmdjit.techniques import HeadMovement
 
 CAMERA = hj.Camera(width_px=8, height_px=6, fov_deg=0.6, refresh_hz=60.0)

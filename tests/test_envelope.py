@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hmdjit import HeadMotion, cli, quaternion
-from hmdjit.envelope import holes, measuring, oracles, report
+from hmdjit import HeadMotion, quaternion
+from hmdjit.cli import main as cli
+from hmdjit.envelope import holes, measuring, oracles
 from hmdjit.envelope.measuring import Bound, Case
+from hmdjit.reports import envelope as report
 
 ENTRIES = {entry.name: entry for entry in report.entries()}
 

@@ -10,7 +10,7 @@ from hmdjit.camera import pixel_to_ray
 from hmdjit.color import decode, encode
 from hmdjit.metrics.mtcd import pair_distance
 from hmdjit.sample_patterns import ordered_grid
-from hmdjit.session import session
+from hmdjit.simulation.session import session
 from hmdjit.techniques import SSAA, NoAntialiasing
 
 CAMERA = hj.Camera()

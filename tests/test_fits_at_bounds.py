@@ -9,7 +9,8 @@ from hmdjit.curve_fitting.space import CurveSpace
 from hmdjit.curves import Cosine, Spline
 from hmdjit.envelope import bounds
 from hmdjit.envelope.measuring import DIGITS, mp
-from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, fitting, whittle
+from hmdjit.head_fitting import fitting, whittle
+from hmdjit.head_motion import Amplitude, HeadMotion, Resonator
 from hmdjit.techniques import HeadMovement
 
 # --- maps ---

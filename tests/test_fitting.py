@@ -9,18 +9,9 @@ import scipy.optimize
 from heads import told_within_bounds, traces_of
 from scipy.spatial.transform import Rotation
 
-from hmdjit.head_motion import (
-    Amplitude,
-    HeadMotion,
-    Resonator,
-    Trace,
-    fitting,
-    moments,
-    scoring,
-    statistics,
-    whittle,
-)
-from hmdjit.head_motion.spectra import Periodograms
+from hmdjit.head_fitting import fitting, moments, scoring, statistics, whittle
+from hmdjit.head_fitting.spectra import Periodograms
+from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, Trace
 
 RATE_HZ = 30.0
 WANDER = HeadMotion(

@@ -11,19 +11,19 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import rotation_vectors
 
-from hmdjit import frame as frames
 from hmdjit.camera import Camera, Region
-from hmdjit.frame import (
+from hmdjit.frames import motion as motions
+from hmdjit.frames.displacement import (
     FILTERS,
     GATHER,
     SLICES,
     WARPS,
     Displacement,
-    Frame,
-    Motion,
     Reading,
 )
-from hmdjit.sources import History, Texture
+from hmdjit.frames.frame import Frame
+from hmdjit.frames.motion import Motion
+from hmdjit.frames.sources import History, Texture
 
 WIDTH, HEIGHT, FOV_DEG = 10, 8, 90.0
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)
@@ -87,7 +87,7 @@ def test_rebased_motion_keeps_recorded_increments_in_float32(rng):
     for step in steps:
         rotations.append(rotations[-1] * Rotation.from_rotvec(step))
     poses = Rotation.concatenate(rotations).as_quat(scalar_first=True)
-    motion = frames.rebased_motion(poses, jnp.float32)
+    motion = motions.rebased_motion(poses, jnp.float32)
     assert motion.offset.dtype == motion.increment.dtype == jnp.float32
     np.testing.assert_array_equal(motion.offset[0], np.zeros(3))
     # Half an ulp of offsets below 2e-3 rad, twice.

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hmdjit.studies import intervals
-from hmdjit.studies.intervals import (
+from hmdjit.estimates import intervals
+from hmdjit.estimates.intervals import (
     geometric_mean_ratio,
     log_ratio_derivative_interval,
     mean_interval,

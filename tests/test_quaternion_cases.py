@@ -26,8 +26,9 @@ from oracles import jacobian
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from hmdjit import camera as pinhole
-from hmdjit import frame, quaternion
+from hmdjit import quaternion
 from hmdjit.envelope import oracles as exact
+from hmdjit.frames import motion as motions
 
 ROUNDING = 1e-14  # a few dozen roundings of numbers of size 1 in float64
 ONE, *_ = UNITS = np.eye(4)  # 1, i, j, k
@@ -65,7 +66,7 @@ relative, slerp = rows(quaternion.relative), rows(quaternion.slerp)
 slerp_slope = rows(jax.jacfwd(quaternion.slerp, argnums=2))
 CAMERA = pinhole.Camera(width_px=64, height_px=48)
 homography = rows(functools.partial(pinhole.homography, CAMERA))
-checked_motion = jax.jit(lambda poses: frame.checked_motion(poses, poses.dtype))
+checked_motion = jax.jit(lambda poses: motions.checked_motion(poses, poses.dtype))
 
 
 def turned(angle_rad):
@@ -198,7 +199,7 @@ def test_poses_that_are_no_rotations_are_refused_or_not_a_number(row):
     poses = np.array([ONE, row, ONE, ONE])
     message = r"^poses\[1\] must have a length in \[0.99, 1.01\], got (0|inf|nan).$"
     with pytest.raises(ValueError, match=message):
-        frame.checked_motion(poses, np.float64)
+        motions.checked_motion(poses, np.float64)
     motion = checked_motion(poses)
     equal(np.isnan(motion.offset), np.outer([0, 1, 0, 0], [1, 1, 1]))
     equal(np.isnan(motion.increment), np.outer([0, 1, 1, 0], [1, 1, 1]))

@@ -6,7 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from hmdjit.head_motion import Trace, fitting, statistics
+from hmdjit.head_fitting import fitting, statistics
+from hmdjit.head_motion import Trace
 
 # What falls short of 25 % (wander in 10 s) and of 1.5 dB (spectrum), with five persons
 # in each half: fitted half, judged half, and what is allowed instead.

@@ -7,8 +7,8 @@ import pytest
 
 from hmdjit import rendering, scenes
 from hmdjit.camera import Camera, Region
+from hmdjit.frames.sources import Texture
 from hmdjit.scenes.base import AbstractFlatScene
-from hmdjit.sources import Texture
 from hmdjit.techniques import MSAA, SSAA, NoAntialiasing
 
 WIDTH, HEIGHT, FOV_DEG = 12, 9, 40.0

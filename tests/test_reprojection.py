@@ -9,7 +9,7 @@ from strategies import fractions, orientations, rotation_vectors
 
 from hmdjit import reprojection
 from hmdjit.camera import Camera, Region
-from hmdjit.frame import Frame
+from hmdjit.frames.frame import Frame
 
 WIDTH, HEIGHT, FOV_DEG = 12, 9, 80.0
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
-from hmdjit import resampling
+from hmdjit.frames import resampling
 
 
 def reading(reader):

@@ -10,7 +10,7 @@ import pytest
 
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
-from hmdjit.frame import Displacement
+from hmdjit.frames.displacement import Displacement
 from hmdjit.scenes import pictures
 
 

@@ -7,7 +7,7 @@ from PIL import Image
 
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
-from hmdjit.frame import Displacement
+from hmdjit.frames.displacement import Displacement
 from hmdjit.scenes import pictures
 
 CAMERA = Camera(32, 24, 60.0)

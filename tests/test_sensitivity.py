@@ -17,15 +17,17 @@ from jaxtyping import Array
 from rich.console import Console
 
 import hmdjit as hj
-from hmdjit import devices
-from hmdjit.frame import GATHER
-from hmdjit.studies import derivatives, sensitivity, sensitivity_report
-from hmdjit.studies.derivatives import Parameters, differentiate
-from hmdjit.studies.intervals import Z95
-from hmdjit.studies.measuring import FailedSessionsError, Runner
-from hmdjit.studies.sensitivity import of_sessions
+from hmdjit.estimates.intervals import Z95
+from hmdjit.frames.displacement import GATHER
+from hmdjit.reports import sensitivity as sensitivity_report
+from hmdjit.sensitivity import derivatives, sensitivity
+from hmdjit.sensitivity.derivatives import Parameters, differentiate
+from hmdjit.sensitivity.sensitivity import of_sessions
+from hmdjit.simulation import sharding as devices
+from hmdjit.studies.failures import FailedSessionsError
+from hmdjit.studies.measured_blocks import Tiles, WholeFrame
+from hmdjit.studies.runner import Runner
 from hmdjit.studies.sessions import Sessions, session_keys, study_key
-from hmdjit.studies.tiles import Tiles, WholeFrame
 from hmdjit.techniques import HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractSpatial
 

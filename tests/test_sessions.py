@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import hmdjit as hj
-from hmdjit.studies.definition import Options, build
+from hmdjit.cli.definition import Options, build
+from hmdjit.studies.measured_blocks import Tiles
 from hmdjit.studies.sessions import Sessions, session_keys, study_key
-from hmdjit.studies.tiles import Tiles
 
 CAMERA = hj.Camera(64, 64)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hmdjit as hj
-from hmdjit import session
+from hmdjit.simulation import session
 from hmdjit.techniques import HeadMovement, NoAntialiasing
 
 # MTCD with the technique over MTCD without, d = 2/3, ten frames: history starts at

@@ -9,8 +9,8 @@ import scipy.signal
 from heads import models
 from scipy.spatial.transform import Rotation
 
+from hmdjit.head_fitting.spectra import Periodograms, Turns
 from hmdjit.head_motion import Trace
-from hmdjit.head_motion.spectra import Periodograms, Turns
 
 # Two-sided tests of means of 200 or more sessions at 5 standard errors: false alarms
 # below 1e-5 each (periodograms of many bins are nearly normal, bursts make them skew).

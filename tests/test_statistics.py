@@ -6,8 +6,9 @@ import scipy.stats
 from heads import models
 from scipy.spatial.transform import Rotation
 
-from hmdjit.head_motion import HeadMotion, Trace, statistics
-from hmdjit.head_motion.spectra import Periodograms
+from hmdjit.head_fitting import statistics
+from hmdjit.head_fitting.spectra import Periodograms
+from hmdjit.head_motion import HeadMotion, Trace
 
 # Two-sided tests of means of 200 or more sessions at 5 standard errors. Their squares
 # are skew by 0.3 at most: false alarms below 1e-5 each.

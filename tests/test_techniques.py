@@ -8,7 +8,8 @@ import pytest
 
 import hmdjit as hj
 from hmdjit import curves, techniques
-from hmdjit.sources import History
+from hmdjit.frames.displacement import Reading
+from hmdjit.frames.sources import History
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 
 HZ = 60.0
@@ -528,7 +529,7 @@ def test_masked_history_that_is_no_number_stays_out_of_gradients(rng, closeness)
     camera, mask = hj.Camera(5, 4, 60.0, HZ), jnp.zeros((4, 5), bool)
 
     def shown(closeness, turn):
-        reading = hj.frame.Reading("plain")
+        reading = Reading("plain")
         frame = hj.Frame(color, camera, hj.Region.whole(camera), mask, reading)
         history = History.of(jnp.full((3, 4, 5), jnp.nan))
         motion = hj.Motion(turn, turn)

@@ -10,13 +10,14 @@ import scipy.ndimage
 from jax.flatten_util import ravel_pytree
 
 import hmdjit as hj
-from hmdjit import curves, theory
-from hmdjit.picture_statistics import PictureStatistics, cell_numbers
-from hmdjit.session import session
-from hmdjit.studies.measuring import Runner
+from hmdjit import curves
+from hmdjit.simulation.session import session
+from hmdjit.studies.measured_blocks import Tiles
+from hmdjit.studies.runner import Runner
 from hmdjit.studies.sessions import Sessions
-from hmdjit.studies.tiles import Tiles
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
+from hmdjit.theory import prediction as theory
+from hmdjit.theory.picture_statistics import PictureStatistics, cell_numbers
 
 SIZE, CELL, MARGIN_PX = 64, 8, 24
 CAMERA = hj.Camera(SIZE, SIZE, fov_deg=4.0)

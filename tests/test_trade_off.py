@@ -13,19 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hmdjit as hj
-from hmdjit import cli
-from hmdjit.frame import GATHER, Reading
-from hmdjit.studies import (
-    choice,
-    settings,
-    trade_off,
-    trade_off_figure,
-    trade_off_measuring,
-)
-from hmdjit.studies.intervals import Z95
-from hmdjit.studies.settings import Case, EverySample, Setting
-from hmdjit.studies.tiles import CentralCrop, Tiles, WholeFrame
-from hmdjit.studies.trade_off import Identity, Row
+from hmdjit.cli import main as cli
+from hmdjit.estimates.intervals import Z95
+from hmdjit.figures import trade_off as trade_off_figure
+from hmdjit.frames.displacement import GATHER, Reading
+from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
+from hmdjit.trade_off import choice, settings, trade_off
+from hmdjit.trade_off import measuring as trade_off_measuring
+from hmdjit.trade_off.settings import Case, EverySample, Setting
+from hmdjit.trade_off.trade_off import Identity, Row
 
 IDENTITY = Identity(
     scene="text",

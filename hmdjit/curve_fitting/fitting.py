@@ -23,18 +23,19 @@ import scipy.optimize
 from jaxtyping import Float
 
 from .. import _checks
-from ..devices import mesh, placed
+from ..estimates.intervals import MIN_BASELINE_MTCD
+from ..frames.sources import Texture
 from ..head_motion import HeadMotion
-from ..scenes.base import AbstractScene, bake
-from ..session import fastest_reading
-from ..sources import Texture
-from ..studies.batches import fingerprint
-from ..studies.intervals import MIN_BASELINE_MTCD
-from ..studies.measuring import Runner
-from ..studies.monte_carlo import MODEL_VERSION
+from ..scenes.baking import bake
+from ..scenes.base import AbstractScene
+from ..simulation.session import fastest_reading
+from ..simulation.sharding import mesh, placed
+from ..studies.measured_blocks import Tiles
+from ..studies.run import MODEL_VERSION
+from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
+from ..studies.store import fingerprint
 from ..studies.study import Study
-from ..studies.tiles import Tiles
 from ..techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from ..techniques.base import AbstractTechnique
 from .errors import errors, newton_step

@@ -16,11 +16,12 @@ from jaxtyping import Array, Float, Int
 
 from .. import quaternion
 from ..camera import Camera
-from ..devices import over_devices, program
-from ..frame import Motion, Reading
-from ..session import Result, session
-from ..sources import Texture
-from ..studies.measuring import regions
+from ..frames.displacement import Reading
+from ..frames.motion import Motion
+from ..frames.sources import Texture
+from ..simulation.session import Result, session
+from ..simulation.sharding import over_devices, program
+from ..studies.runner import regions
 from ..studies.sessions import Batch
 from ..techniques import HeadMovement
 from .space import CurveSpace, Point

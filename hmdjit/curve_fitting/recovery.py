@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..sources import Texture
+from ..frames.sources import Texture
 from .errors import Errors, errors
 from .measuring import Viewing, values_and_slopes
 from .search import NoFitError, Numbers, least_squares

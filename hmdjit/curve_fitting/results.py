@@ -9,7 +9,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float
 
-from ..studies.intervals import Interval
+from ..estimates.intervals import Interval
 from ..techniques import HeadMovement
 from .errors import Errors
 from .search import Numbers

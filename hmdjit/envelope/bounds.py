@@ -16,7 +16,7 @@ import numpy as np
 
 from ..curve_fitting import CurveSpace
 from ..curve_fitting.space import FAMILIES, LOCALIZATIONS
-from ..head_motion import whittle
+from ..head_fitting import whittle
 from ..techniques import HeadMovement
 from .cases import eps
 from .measuring import Run, Worst

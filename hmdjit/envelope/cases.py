@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import camera, quaternion
 from ..camera import Camera, Region
-from ..frame import Displacement
+from ..frames.displacement import Displacement
 from . import oracles as exact
 from .measuring import DTYPES, Bound, Case, Inputs
 from .poses import IDENTITY, poses_of, product, unit

@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
-from ..studies import estimators, intervals
-from ..studies.estimators import Estimate, Need
-from ..studies.intervals import MIN_BASELINE_MTCD
+from ..estimates import estimate as estimators
+from ..estimates import intervals
+from ..estimates.estimate import Estimate, Need
+from ..estimates.intervals import MIN_BASELINE_MTCD
 from .intervals import (
     EPS,
     NO_SPREAD,

@@ -15,14 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import clips, metrics, quaternion, scenes, theory
+from .. import metrics, quaternion, scenes
 from ..camera import Camera, Region
-from ..frame import GATHER, Motion
+from ..frames.displacement import GATHER
+from ..frames.motion import Motion
 from ..head_motion import HeadMotion
 from ..head_motion.parameters import Amplitude, Resonator
-from ..picture_statistics import PictureStatistics
-from ..simulation import simulate
+from ..simulation import apply as clips
+from ..simulation.simulate import simulate
 from ..techniques import SSAA, HeadMovement, NoAntialiasing
+from ..theory import prediction as theory
+from ..theory.picture_statistics import PictureStatistics
 from .heads import RATES_HZ, TIMES_S
 from .measuring import Bound, Run, Worst
 from .poses import poses_of

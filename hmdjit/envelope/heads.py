@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..head_motion import HeadMotion
-from ..head_motion.base import discretise
+from ..head_motion.discretisation import discretise
 from ..head_motion.parameters import Amplitude, Resonator
 from . import oracles as exact
 from .cases import eps

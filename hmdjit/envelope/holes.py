@@ -13,10 +13,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import resampling
 from ..camera import Camera, Region
-from ..frame import Frame, Motion, Reading
-from ..sources import History
+from ..frames import resampling
+from ..frames.displacement import Reading
+from ..frames.frame import Frame
+from ..frames.motion import Motion
+from ..frames.sources import History
 from ..techniques import HeadMovement
 from .extremes import bad_leaves, techniques
 from .measuring import Bound, Run, Worst

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..studies import intervals
-from ..studies.intervals import Interval
+from ..estimates import intervals
+from ..estimates.intervals import Interval
 from .measuring import Bound, Run, Worst
 from .oracles import mp
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import metrics
-from ..picture_statistics import DIRECTIONS, PictureStatistics
+from ..theory.picture_statistics import DIRECTIONS, PictureStatistics
 from .cases import eps
 from .measuring import Bound, Case, Inputs, Run, Worst
 from .oracles import mp

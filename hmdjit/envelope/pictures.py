@@ -6,7 +6,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .. import blending, color, resampling
+from .. import blending, color
+from ..frames import resampling
 from . import oracles as exact
 from .cases import eps
 from .measuring import Bound, Case, Inputs

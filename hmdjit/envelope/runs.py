@@ -10,15 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import camera as pinhole
-from .. import quaternion, scenes, theory
+from .. import camera_bounds, quaternion, scenes
 from ..camera import Camera, Region
-from ..frame import GATHER, Frame, Motion, rebased_motion
+from ..frames.displacement import GATHER
+from ..frames.frame import Frame
+from ..frames.motion import Motion, rebased_motion
+from ..frames.sources import History, Texture
 from ..head_motion import HeadMotion
-from ..picture_statistics import PictureStatistics
 from ..reprojection import past_position
-from ..session import Result, differentiable_session
-from ..sources import History, Texture
+from ..simulation.session import Result, differentiable_session
 from ..techniques import HeadMovement, NoAntialiasing
+from ..theory import prediction as theory
+from ..theory.picture_statistics import PictureStatistics
 from . import oracles as exact
 from .cases import ANGLES
 from .heads import RATES_HZ, TIMES_S
@@ -79,7 +82,7 @@ def ranges(rng: _Rng, dtype: str, quick: bool) -> _Found:
     @jax.jit
     def both(fov: Any, rotation: Any) -> Any:
         display = Camera(640, 480, fov, 60.0)
-        span = pinhole.displacement_range(display, region, rotation)
+        span = camera_bounds.displacement_range(display, region, rotation)
         moved = pinhole.displacement(display, rotation, *jnp.asarray(corners, dtype))
         return span, jnp.stack(moved[:2]), moved[2]
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._types import Scalar
-from .base import discretise
+from .discretisation import discretise
 
 _ThreeNumbers = Float[Array, "3"]
 

@@ -135,7 +135,7 @@ class HeadMotion(eqx.Module):
 
         **Errors:** `ValueError`, see `fitting.fit`.
         """
-        from . import fitting
+        from ..head_fitting import fitting
 
         return fitting.fit(traces, order=order).head
 

@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike, Float, UInt
 from .. import _checks
 from .._types import Scalar
 from ..camera import Camera
-from . import base
+from . import base, stored
 
 
 class Photograph(base.AbstractFlatScene):
@@ -25,7 +25,7 @@ class Photograph(base.AbstractFlatScene):
     - `name`: what tables call it.
     """
 
-    planes: base.StoredPlanes
+    planes: stored.StoredPlanes
     magnification: Scalar = eqx.field(
         converter=_checks.number, default=1.0, kw_only=True
     )
@@ -49,7 +49,9 @@ class Photograph(base.AbstractFlatScene):
 
         **Errors:** `ValueError` for any other shape, dtype or range.
         """
-        return cls(base.stored_planes(picture), magnification=magnification, name=name)
+        return cls(
+            stored.stored_planes(picture), magnification=magnification, name=name
+        )
 
     @classmethod
     def read(
@@ -83,7 +85,9 @@ class Photograph(base.AbstractFlatScene):
         texels_per_unit = jnp.asarray(camera.focal_px / self.magnification, x.dtype)
         column = x * texels_per_unit + (width - 1) / 2
         row = (height - 1) / 2 - y * texels_per_unit
-        return base.read_planes(self.planes, column, row, base.mirror, base.mirror)
+        return stored.read_planes(
+            self.planes, column, row, stored.mirror, stored.mirror
+        )
 
 
 class Panorama(base.AbstractScene):
@@ -99,7 +103,7 @@ class Panorama(base.AbstractScene):
     - `name`: what tables call it.
     """
 
-    planes: base.StoredPlanes
+    planes: stored.StoredPlanes
     yaw_deg: Scalar = eqx.field(converter=_checks.number, default=0.0, kw_only=True)
     name: str = eqx.field(static=True, default="panorama", kw_only=True)
 
@@ -127,7 +131,7 @@ class Panorama(base.AbstractScene):
 
         **Errors:** `ValueError` for any other shape, dtype or range.
         """
-        return cls(base.stored_planes(picture), yaw_deg=yaw_deg, name=name)
+        return cls(stored.stored_planes(picture), yaw_deg=yaw_deg, name=name)
 
     @classmethod
     def read(
@@ -159,7 +163,7 @@ class Panorama(base.AbstractScene):
         turns = longitude / (2 * jnp.pi) - jnp.asarray(self.yaw_deg, up.dtype) / 360
         column = (turns + 0.5) * width - 0.5
         row = (0.5 - latitude / jnp.pi) * height - 0.5
-        return base.read_planes(self.planes, column, row, base.repeat, base.clamp)
+        return stored.read_planes(self.planes, column, row, stored.repeat, stored.clamp)
 
 
 def read_picture(path: str | os.PathLike) -> Float[np.ndarray, "height width 3"]:

@@ -10,13 +10,13 @@ import numpy as np
 from .. import _checks
 from .._types import Scalar
 from ..camera import Camera
-from . import base
+from . import base, stored
 
 _DEG_PER_UNIT = 180 / np.pi  # degrees at the centre in one tangent unit
 
 
 class _Raster(base.AbstractFlatScene):
-    planes: base.StoredPlanes
+    planes: stored.StoredPlanes
     texels_per_deg: Scalar = eqx.field(converter=_checks.number)
     periodic: bool = eqx.field(static=True)
     name: str = eqx.field(static=True)
@@ -29,8 +29,8 @@ class _Raster(base.AbstractFlatScene):
         per_unit = self.texels_per_deg * _DEG_PER_UNIT
         column = x * per_unit + (width - 1) / 2
         row = (height - 1) / 2 - y * per_unit
-        fold = base.repeat if self.periodic else base.clamp
-        return base.read_planes(self.planes, column, row, fold, fold)
+        fold = stored.repeat if self.periodic else stored.clamp
+        return stored.read_planes(self.planes, column, row, fold, fold)
 
 
 def power_law_noise(
@@ -66,7 +66,7 @@ def power_law_noise(
     weight = np.where(np.isinf(frequency), 0.0, frequency ** -float(exponent))
     field = np.fft.irfft2(np.fft.rfft2(white) * weight, s=(size, size))
     gamma = np.clip(0.5 + deviation * field / field.std(), 0, 1)
-    planes = base.stored_planes(gamma.astype(np.float32))
+    planes = stored.stored_planes(gamma.astype(np.float32))
     return _Raster(
         planes=planes, texels_per_deg=texels_per_deg, periodic=True, name=name
     )
@@ -108,7 +108,7 @@ def page_of_text(
     _checks.in_range("page_deg", page_deg, 0, open_low=True)
     _checks.in_range("line_deg", line_deg, 0, page_deg / 10, open_low=True)
     _checks.whole("texels_per_deg", texels_per_deg, 1)
-    planes = base.stored_planes(_drawn_text(line_deg, page_deg, texels_per_deg))
+    planes = stored.stored_planes(_drawn_text(line_deg, page_deg, texels_per_deg))
     return _Raster(
         planes=planes, texels_per_deg=texels_per_deg, periodic=False, name=name
     )

@@ -2,20 +2,22 @@
 
 import os
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 
 from .. import _checks
 from ..camera import Camera
+from ..estimates.intervals import GEOMETRIC_MEAN, POOLED
 from ..head_motion import HeadMotion
-from ..scenes.base import AbstractScene, check_baking
+from ..scenes.baking import check_baking
+from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
-from .intervals import GEOMETRIC_MEAN, POOLED
-from .samples import CHUNK
+from .measured_blocks import Measurement, Tiles
+from .progress import Progress
+from .sampler import CHUNK
+from .sequential import Goal
 from .sessions import Head
-from .tiles import Measurement, Tiles
-from .until import Goal
 
 if TYPE_CHECKING:
     import xarray
@@ -25,22 +27,6 @@ def check_seed(seed: int) -> None:
     """Raise unless a seed is one that does not wrap around."""
     _checks.whole("seed", seed, 0)
     _checks.in_range("seed", seed, 0, 2**32 - 1)
-
-
-class Progress(NamedTuple):
-    """What a study is doing, told before and after each batch.
-
-    - `done`, `total`: session-scene-technique runs, those found on disk included.
-    - `doing`: in words.
-    - `fresh`: runs computed in this call, not found on disk.
-    - `line`: something to print and keep, as a plan.
-    """
-
-    done: int
-    total: int
-    doing: str
-    fresh: int
-    line: str = ""
 
 
 class Study(eqx.Module):
@@ -135,7 +121,7 @@ class Study(eqx.Module):
         they are left out; `KeyboardInterrupt`. Both leave all finished batches in
         `out`, for the next run.
         """
-        from .monte_carlo import Run
+        from .run import Run
 
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)

@@ -23,7 +23,8 @@ from jaxtyping import Array, Bool, Float
 
 from .. import color, sample_patterns
 from .._types import Rgb, Samples
-from ..frame import Frame, Motion
+from ..frames.frame import Frame
+from ..frames.motion import Motion
 
 State = Any
 SPACES = ("gamma", "linear")

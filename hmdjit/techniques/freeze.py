@@ -1,8 +1,9 @@
 """The frozen picture: a control, not a technique."""
 
 from .._types import Rgb
-from ..frame import Frame, Motion
-from ..sources import History
+from ..frames.frame import Frame
+from ..frames.motion import Motion
+from ..frames.sources import History
 from .base import AbstractTechnique
 
 

@@ -13,8 +13,10 @@ from jaxtyping import Array, Bool, Float
 from .. import _checks, blending, color, quaternion, reprojection
 from .._types import Mask, Rgb, Scalar
 from ..curves import AbstractCurve, Kim, Linear
-from ..frame import Displacement, Frame, Motion
-from ..sources import History
+from ..frames.displacement import Displacement
+from ..frames.frame import Frame
+from ..frames.motion import Motion
+from ..frames.sources import History
 from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
 
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")

@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from .. import _checks, sample_patterns
 from .._types import Rgb
-from ..frame import Frame
+from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial, mean_of_samples
 
 

@@ -15,9 +15,9 @@ from serving import Run, serve
 from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 
 from hmdjit import Camera, Motion, Region, Texture
-from hmdjit.devices import compiler_options, over_devices
-from hmdjit.frame import rebased_motion
-from hmdjit.session import fastest_reading, session
+from hmdjit.frames.motion import rebased_motion
+from hmdjit.simulation.session import fastest_reading, session
+from hmdjit.simulation.sharding import compiler_options, over_devices
 from hmdjit.techniques import HeadMovement
 
 MARGIN_PX = 16

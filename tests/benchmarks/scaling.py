@@ -14,7 +14,7 @@ import ours
 import task
 from machine import cpus, peak_mib
 
-from hmdjit.studies import definition
+from hmdjit.cli import definition
 
 POINTS = {
     "sessions": (100, 316, 1_000, 3_162, 10_000, 31_623, 100_000),

@@ -1,0 +1,241 @@
+"""The command line's `hmdjit trade-off` and `hmdjit pick`."""
+
+import dataclasses
+import shlex
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import rich.console
+import tyro
+
+from .. import _checks, techniques
+from ..estimates.intervals import Z95
+from ..figures import trade_off as trade_off_figure
+from ..reports import trade_off as trade_off_report
+from ..studies.study import Study
+from ..trade_off import choice, settings, trade_off
+from ..trade_off import measuring as measuring
+from ..trade_off.choice import Choice
+from . import definition
+from .options import Fov, Height, Seed, Width, check_can_write, shown
+
+SCENE = "text"  # its hard edges show what textures do; photographs are their texels
+TECHNIQUE = "head_movement"
+_ALSO = ("none", "ssaa4")  # in the reference and the default setting
+_CSV = Path("hmdjit-trade-off") / "trade_off.csv"
+_SESSIONS, _QUICK_SESSIONS = 48, 24
+
+
+@dataclasses.dataclass(frozen=True)
+class TradeOffCommand:
+    """Measure seconds against error for every knob, on this machine.
+
+    Takes 2 to 3 minutes on two idle cores, most of them to compile. Looks at the page
+    of text: its hard edges show what textures do to the numbers, which photographs,
+    whose texels are the texture's, do not. One knob is turned at a time; bias is
+    measured by paired differences to the reference (texture 4x, float64).
+    """
+
+    scene: Annotated[
+        str | None, shown("NAME", f"One of the eleven scenes (default: {SCENE}).")
+    ] = None
+    images: Annotated[
+        Path | None, shown("PATH", "A flat picture (PNG, JPEG) instead.")
+    ] = None
+    head: Annotated[
+        str | None,
+        shown("NAME|TOML", f"Head model (default: {definition.HEAD})."),
+    ] = None
+    technique: Annotated[
+        tuple[str, ...],
+        shown("ID...", f"Techniques to turn all knobs with (default: {TECHNIQUE})."),
+    ] = (TECHNIQUE,)
+    sessions: Annotated[
+        int | None,
+        shown("N", f"Sessions of each setting (default: {_SESSIONS})."),
+    ] = None
+    seconds: Annotated[
+        float, shown("S", "Time at which total errors are told (default: 10).")
+    ] = 10.0
+    quick: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds."),
+    ] = False
+    width: Width = None
+    height: Height = None
+    fov: Fov = None
+    seed: Seed = 0
+    out: Annotated[
+        Path, shown("DIR", f"Folder for what is written (default: {_CSV.parent}).")
+    ] = _CSV.parent
+
+
+@dataclasses.dataclass(frozen=True)
+class PickCommand:
+    """Choose the cheapest setting within a tolerance, or the best within a budget.
+
+    From what `hmdjit trade-off` measured here. Names the options of `hmdjit study`.
+    """
+
+    tolerance: Annotated[
+        float | None,
+        shown("SHARE", "Largest error of the mean MTCD, e.g. 0.02; in (0, 1)."),
+    ] = None
+    budget: Annotated[
+        str | None, shown("TIME", "Time for one scene, e.g. 10s or 2min.")
+    ] = None
+    technique: Annotated[
+        tuple[str, ...] | None,
+        shown("ID...", "Techniques to choose for (default: those with all knobs)."),
+    ] = None
+    table: Annotated[
+        Path,
+        tyro.conf.arg(
+            name="from",
+            metavar="CSV",
+            help=f"Table of `hmdjit trade-off` (default: {_CSV}).",
+            help_behavior_hint="",
+        ),
+    ] = _CSV
+
+
+COMMANDS: dict[str, Any] = {"trade-off": TradeOffCommand, "pick": PickCommand}
+
+
+def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
+    """Measure, print and draw a trade-off; an interruption keeps what is measured."""
+    _checks.in_range("seconds", command.seconds, 0, open_low=True)
+    sessions = command.sessions
+    if sessions is None:
+        sessions = _QUICK_SESSIONS if command.quick else _SESSIONS
+    _checks.whole("sessions", sessions, 2)
+    study, study_options = _study(command)
+    single = settings.single_knobs(study)
+    if command.quick:
+        chosen = [one for one in single if one.name in settings.QUICK]
+        also = []
+    else:
+        chosen = [*single, *settings.combinations(study)]
+        also = [techniques.by_id(id) for id in _ALSO]
+    cases, misfits = settings.cases(
+        study, chosen, also=also, is_with_samples=not command.quick
+    )
+    file = command.out / _CSV.name
+    check_can_write(command.out)
+    for name in misfits:
+        console.print(f"Left out: {name} does not fit the camera.", highlight=False)
+    console.print(
+        f"Scene {next(iter(study.scenes))}: {len(cases)} settings and techniques x "
+        f"{sessions} sessions, one after the other. Rows go to {file} as they come.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    say, rows = _Lines(console), []
+    try:
+        for row in measuring.measure(
+            study,
+            cases,
+            seed=command.seed,
+            sessions=sessions,
+            study_options=study_options,
+            progress=say,
+        ):
+            rows.append(row)
+            trade_off.write_csv(rows, file)
+    except KeyboardInterrupt:
+        kept = (
+            f"{len(rows)} of {len(cases)} rows are kept in {file}"
+            if rows
+            else "no row was finished"
+        )
+        console.print(f"\nStopped: {kept}.", highlight=False, soft_wrap=True)
+        raise
+    console.print(trade_off_report.table(rows, command.seconds, console.width))
+    console.print(
+        trade_off_report.explanation(rows), highlight=False, soft_wrap=True, style="dim"
+    )
+    picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
+    console.print(f"Wrote {file} and {picture}.", highlight=False, soft_wrap=True)
+
+
+def _study(command: TradeOffCommand) -> tuple[Study, str]:
+    """Study of one scene, and the options that name it."""
+    if command.scene is not None and command.images is not None:
+        raise ValueError("scene and images exclude each other: name one of them.")
+    options = definition.Options(
+        images=None if command.images is None else (command.images,),
+        scenes=None if command.images is not None else (command.scene or SCENE,),
+        head=command.head,
+        techniques=command.technique,
+        baseline=command.technique[0] if command.technique else None,
+        width=command.width,
+        height=command.height,
+        fov=command.fov,
+        seed=command.seed,
+    )
+    picture = (
+        ["--scenes", command.scene or SCENE]
+        if command.images is None
+        else ["--images", str(command.images)]
+    )
+    words = [*picture, "--head", command.head or definition.HEAD]
+    if command.fov is not None:
+        words += ["--fov", f"{command.fov:g}"]
+    if command.seed:
+        words += ["--seed", str(command.seed)]
+    return definition.build(options), shlex.join(words)
+
+
+class _Lines:
+    """A line for each step that takes long, with the time since the start."""
+
+    def __init__(self, console: rich.console.Console):
+        self._console, self._start = console, time.monotonic()
+
+    def __call__(self, event: measuring.Progress) -> None:
+        seconds = time.monotonic() - self._start
+        self._console.print(
+            f"{seconds:5.0f} s  {event.done:2d} of {event.total}  {event.doing}",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def pick(command: PickCommand, console: rich.console.Console) -> None:
+    """Choose a setting, and print how to run it."""
+    if (command.tolerance is None) == (command.budget is None):
+        raise ValueError("name either --tolerance, e.g. 0.02, or --budget, e.g. 10s.")
+    if command.tolerance is not None:
+        _checks.in_range(
+            "tolerance", command.tolerance, 0, 1, open_low=True, open_high=True
+        )
+    budget = None if command.budget is None else definition.seconds(command.budget)
+    rows = trade_off.read_csv(command.table)
+    found = choice.candidates(rows, command.technique)
+    if budget is not None:
+        chosen = choice.pick_budget(found, budget)
+    else:
+        assert command.tolerance is not None
+        chosen = choice.pick_tolerance(found, command.tolerance)
+    _print_choice(chosen, console)
+
+
+def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
+    first = chosen.rows[0]
+    compile_s = sum(row.compile_s for row in chosen.rows) + first.bake_s
+    say = lambda text: console.print(text, highlight=False, soft_wrap=True)
+    say(f"Setting: {chosen.setting} ({first.identity.scene}).")
+    say(
+        f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
+        f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
+        f"{100 * chosen.error:.2g} % of MTCD (95 %)."
+    )
+    for row in chosen.rows:
+        bias, error = (100 * x / row.reference_mtcd for x in (row.bias, row.bias_se))
+        say(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
+    names = " ".join(row.technique for row in chosen.rows)
+    say(
+        f"hmdjit study {first.identity.study_options} {first.setting_options} "
+        f"--techniques {names} --sessions {chosen.sessions}"
+    )

@@ -1,0 +1,1 @@
+"""What passes from stage to stage: motion, displacements, frames, and what is read."""

@@ -1,0 +1,1 @@
+"""Fitting head motion to recordings."""

@@ -1,0 +1,74 @@
+"""Recorded heads, cut into windows: replay."""
+
+import contextlib
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float64
+
+from .. import _checks
+from ..head_motion import Trace
+from ..quaternion import rebase
+
+
+class Replay(eqx.Module):
+    """Recorded heads: each session is a window of a trace, at the trace's own rate.
+
+    - `traces`: the recordings.
+    - `rate_hz`: replay at this rate instead, resampled by slerp; None is their own.
+    """
+
+    traces: tuple[Trace, ...] = eqx.field(converter=tuple)
+    rate_hz: float | None = None
+
+    def __check_init__(self):
+        if not self.traces:
+            raise ValueError("traces must name at least one recording, got none.")
+        if self.rate_hz is not None:
+            _checks.in_range("rate_hz", self.rate_hz, 0, open_low=True)
+            return
+        rates = [trace.rate_hz for trace in self.traces]
+        middle = float(np.median(rates))
+        for trace, rate in zip(self.traces, rates, strict=True):
+            if abs(rate / middle - 1) > 0.02:
+                raise ValueError(
+                    "traces must share one rate within 2 % to be replayed at their "
+                    f"own: {trace.name} has {rate:.2f} Hz, the median is "
+                    f"{middle:.2f} Hz; name a refresh rate to resample them."
+                )
+
+    def __str__(self) -> str:
+        subjects = {trace.subject for trace in self.traces}
+        return (
+            f"{len(self.traces)} recordings of {len(subjects)} subjects, replayed at "
+            f"{self.refresh_hz:.4g} Hz"
+        )
+
+    @property
+    def refresh_hz(self) -> float:
+        """Frames per second of the replay; the median over traces of their own."""
+        if self.rate_hz is not None:
+            return self.rate_hz
+        return float(np.median([trace.rate_hz for trace in self.traces]))
+
+    def windows(
+        self, frames: int
+    ) -> tuple[Float64[np.ndarray, "windows frames 4"], list[str]]:
+        """Return all whole windows of the traces, re-based, and the subject of each.
+
+        **Errors:** `ValueError` if no trace is as long as a window.
+        """
+        cut = []
+        for trace in self.traces:
+            # A trace that is shorter than a window has none.
+            with contextlib.suppress(ValueError):
+                cut.append((trace.windows(frames, rate_hz=self.rate_hz), trace.subject))
+        if not cut:
+            longest = max(trace.duration_s for trace in self.traces)
+            raise ValueError(
+                f"traces must last at least {frames} frames at "
+                f"{self.refresh_hz:.1f} Hz; the longest lasts {longest:.2f} s."
+            )
+        windows = np.concatenate([block for block, _ in cut])
+        subjects = [subject for block, subject in cut for _ in block]
+        return np.stack([rebase(window) for window in windows]), subjects

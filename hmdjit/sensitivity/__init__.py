@@ -1,0 +1,1 @@
+"""Which numbers move the flicker most: slopes of a study."""

@@ -1,0 +1,1 @@
+"""Simulating sessions: one frame after the other, block by block, on all devices."""

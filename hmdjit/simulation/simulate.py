@@ -1,0 +1,128 @@
+"""Simulate one viewing session of a scene: `simulate`."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .. import _checks, camera_bounds
+from .._types import Poses
+from ..camera import Camera, Region
+from ..frames.displacement import Reading
+from ..frames.motion import Motion, check_poses, checked_motion
+from ..frames.sources import Texture
+from ..scenes.baking import bake
+from ..scenes.base import AbstractScene
+from ..techniques.base import AbstractTechnique
+from .session import Result, differentiable_session, fastest_reading
+
+
+@partial(jax.jit, static_argnames=("warmup", "reading"))
+def _jitted_session(*arguments: Any, warmup: int, reading: Reading) -> Result:
+    return differentiable_session(warmup, reading)(*arguments)
+
+
+def simulate(
+    scene: AbstractScene | Texture,
+    camera: Camera,
+    technique: AbstractTechnique,
+    poses: Poses | Float[np.ndarray, "frames 4"],
+    *,
+    warmup: int = 0,
+    region: Region | None = None,
+    reading: Reading | None = None,
+) -> Result:
+    """Simulate one viewing session and measure its flicker and its detail loss.
+
+    Compiled once per shapes and technique; the numbers in camera and technique are
+    leaves. Use `jax.vmap` and `jax.grad` over it freely; to simulate many sessions on
+    one scene, bake it once (`scenes.bake`) and hand over the texture.
+
+    **Arguments:**
+
+    - `scene`: what is looked at. It is baked here, with 6 degrees of margin.
+    - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length. The
+      first is the hold pose. Concrete poses are re-based in float64; float32 is the
+      precision of the simulation unless a JAX float64 array comes in, or a texture.
+    - `warmup`: displayed frames that are not measured; at least 0.
+    - `region`: the part of the camera frame; None is the whole. Its edges are treated
+      as a picture's edges: history clamps there.
+    - `reading`: how pictures are read; None is the fastest exact way on this device.
+
+    **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin, a
+    pose is no unit quaternion, or a number of camera or technique is out of its range.
+
+    **Errors:** `ValueError` for a warm-up that leaves fewer than 2 frames, for poses
+    that are not unit quaternions, and for a head that leaves the texture's margin.
+
+    **Accuracy:** differentiable in poses, camera and technique; at rest MTCD and its
+    chosen gradient are exactly 0.
+    """
+    _checks.whole("warmup", warmup, 0)
+    check_poses(poses)
+    if poses.shape[0] - warmup < 2:
+        raise ValueError(
+            f"poses must hold at least 2 frames after warmup = {warmup}, "
+            f"got {poses.shape[0]} in all."
+        )
+    is_jax = isinstance(poses, jax.Array)
+    has_dtype = is_jax and jnp.issubdtype(poses.dtype, jnp.floating)
+    motion = checked_motion(poses, poses.dtype if has_dtype else jnp.dtype(jnp.float32))
+    region = Region.whole(camera) if region is None else region
+    dtype = motion.offset.dtype
+    texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
+    check_texture(texture, camera, region)
+    # A texture that was baked before brings the precision of the simulation, down to
+    # float32: shorter texels are only stored so.
+    stored = texture.color_texels.dtype
+    dtype = jnp.dtype(jnp.float32) if stored.itemsize < 4 else stored
+    motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)
+    if not _checks.is_traced(motion.offset):
+        _check_margin(texture, camera, region, motion)
+    return _jitted_session(
+        texture,
+        camera,
+        technique.on_pictures(),
+        motion,
+        region,
+        region,
+        warmup=warmup,
+        reading=fastest_reading() if reading is None else reading,
+    )
+
+
+def check_texture(texture: Texture, camera: Camera, region: Region) -> None:
+    """Raise unless a texture was baked for a camera, and a region lies in its frame."""
+    k, margin = texture.oversampling, texture.margin_px
+    expected = (k * (camera.height_px + 2 * margin), k * (camera.width_px + 2 * margin))
+    *_, rows, columns = texture.color_texels.shape
+    if (k * rows, k * columns) != expected:
+        raise ValueError(
+            f"scene must be a texture baked for this camera, {expected} texels, got "
+            f"{(k * rows, k * columns)}."
+        )
+    if not (_checks.is_traced(region.x0) or _checks.is_traced(region.y0)):
+        _checks.in_range("region x0", region.x0, 0, camera.width_px - region.width)
+        _checks.in_range("region y0", region.y0, 0, camera.height_px - region.height)
+
+
+def _check_margin(
+    texture: Texture, camera: Camera, region: Region, motion: Motion
+) -> None:
+    bounds = jax.vmap(lambda r: camera_bounds.displacement_bound(camera, region, r))(
+        motion.offset
+    )
+    if _checks.is_traced(bounds):
+        return  # the session itself gives NaN then
+    largest = np.max(np.asarray(bounds), axis=1)
+    worst = int(np.argmax(largest))
+    if largest[worst] > texture.margin_px:
+        turn = np.degrees(np.linalg.norm(np.asarray(motion.offset[worst])))
+        raise ValueError(
+            f"poses must stay within the texture's margin of {texture.margin_px} px, "
+            f"got up to {largest[worst]:.1f} px at frame {worst} ({turn:.2f} deg from "
+            "the first pose); bake the scene with a larger margin_deg."
+        )

@@ -1,0 +1,55 @@
+"""Techniques by their ids."""
+
+import dataclasses
+import difflib
+import re
+
+from ..sample_patterns import MULTISAMPLE_COUNTS
+from . import curve_file as curve_file
+from .base import AbstractSpatial as AbstractSpatial
+from .base import AbstractTechnique as AbstractTechnique
+from .freeze import Freeze as Freeze
+from .head_movement import HeadMovement as HeadMovement
+from .spatial import MSAA as MSAA
+from .spatial import SSAA as SSAA
+from .spatial import NoAntialiasing as NoAntialiasing
+
+IDS = (
+    "none",
+    "freeze",
+    *(f"msaa{n}" for n in MULTISAMPLE_COUNTS[1:]),
+    *(f"ssaa{n}" for n in (2, 3, 4, 8)),
+    "head_movement",
+)
+"""Ids that `by_id` knows; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
+`head_movement:curve.toml` reads a file."""
+
+
+def by_id(id: str) -> AbstractTechnique:
+    """Technique of an id such as `none`, `msaa4`, `ssaa2`, `head_movement+ssaa2`.
+
+    `head_movement:curve.toml` and `head_movement:curve.toml+ssaa2` read a file (see
+    `curve_file`), whose name becomes the label.
+
+    **Errors:** `ValueError` naming the known ids, with the nearest as a suggestion, or
+    the file and what is wrong with it.
+    """
+    # A path may have a plus of its own, before a slash or a dot.
+    found = re.fullmatch(r"([^:+]*)(?::(.+?))?(?:\+(\w*))?", id)
+    name, path, resolve = found.groups() if found else (id, None, None)
+    if name == "head_movement":
+        spatial = None if resolve is None else by_id(resolve)
+        if isinstance(spatial, AbstractSpatial | None):
+            plain = HeadMovement() if path is None else curve_file.read(path)
+            return dataclasses.replace(plain, resolve=spatial)
+    elif path is None and resolve is None:
+        if name == "none":
+            return NoAntialiasing()
+        if name == "freeze":
+            return Freeze()
+        if match := re.fullmatch(r"(msaa|ssaa)([1-9]\d?)", name):
+            family = {"msaa": MSAA, "ssaa": SSAA}[match[1]]
+            return family(int(match[2]))
+    near = difflib.get_close_matches(id, IDS, n=1)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    raise ValueError(f"technique must be one of {', '.join(IDS)}, got {id!r}.{hint}")

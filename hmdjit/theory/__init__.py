@@ -1,0 +1,1 @@
+"""What flicker should be, from head paths and a picture's statistics alone."""

@@ -1,0 +1,217 @@
+"""Seconds against error: what was measured, its file, and the Pareto front.
+
+The error of a mean has two parts that time buys down differently. More sessions reduce
+the Monte Carlo error, `sd / sqrt(n)`; the bias of a setting stays.
+"""
+
+import csv
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._files import written_atomically
+from ..estimates.intervals import Z95
+
+
+@dataclasses.dataclass(frozen=True)
+class Identity:
+    """What the rows of one trade-off rest on.
+
+    `study_options` are those of `hmdjit study`, apart from the setting's own; `load` is
+    the machine's load average when measuring began: above 0, something else ran.
+    """
+
+    scene: str
+    head: str
+    width_px: int
+    height_px: int
+    fov_deg: float
+    refresh_hz: float
+    frames: int
+    warmup: int
+    seed: int
+    study_options: str
+    device: str
+    machine: str
+    processor: str
+    cores: int
+    load: float
+    hmdjit_version: str
+    model_version: str
+    jax_version: str
+    numpy_version: str
+    python_version: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One setting and technique: a line of `trade_off.csv`, columns in this order.
+
+    MTCD in code values of 8 bits, detail loss in their square; standard deviations are
+    over sessions. `bias` is this setting's mean minus the reference's, `bias_by` how
+    it was measured, `reference_mtcd` the reference's mean.
+    """
+
+    setting: str
+    knob: str
+    technique: str
+    dtype: str
+    sessions: int
+    mtcd: float
+    mtcd_sd: float
+    bias: float
+    bias_se: float
+    bias_by: str
+    reference_mtcd: float
+    frame_difference: float
+    frame_difference_se: float
+    detail_loss: float
+    detail_loss_sd: float
+    detail_loss_bias: float
+    detail_loss_bias_se: float
+    seconds: float
+    s_per_session: float
+    compile_s: float
+    bake_s: float
+    is_other_device: bool
+    setting_options: str
+    python_fields: str
+    identity: Identity
+
+    @property
+    def mtcd_se(self) -> float:
+        """Monte Carlo standard error of the mean at the measured sessions."""
+        return self.mtcd_sd / math.sqrt(self.sessions)
+
+    @property
+    def bias_bound(self) -> float:
+        """What |bias| does not exceed, as far as it is known."""
+        return abs(self.bias) + Z95 * self.bias_se
+
+    def error(self, seconds: float) -> float:
+        """Total error of the mean after some seconds, relative to the reference."""
+        found = total_error(self.bias, self.mtcd_sd, self.s_per_session, seconds)
+        return found / self.reference_mtcd
+
+    def seconds_to(self, monte_carlo: float) -> float:
+        """Seconds to a relative Monte Carlo standard error; NaN without flicker."""
+        if not self.reference_mtcd > 0:
+            return math.nan
+        relative_sd = self.mtcd_sd / self.reference_mtcd
+        return self.s_per_session * (relative_sd / monte_carlo) ** 2
+
+
+def total_error(bias: float, sd: float, s_per_session: float, seconds: float) -> float:
+    """Root mean square error of a mean: bias, and what is left to chance.
+
+    **Arguments:** `bias`, `sd` of a session, in one unit; `s_per_session` and
+    `seconds`: cost and budget, s, above 0.
+
+    **Returns:** `sqrt(bias^2 + sd^2 s_per_session / seconds)`, unit of `bias`.
+    """
+    return math.hypot(bias, sd * math.sqrt(s_per_session / seconds))
+
+
+def pareto_front(points: Float[np.ndarray, "points 2"]) -> Bool[np.ndarray, " points"]:
+    """Which points no other one is at least as good as in both, and better in one.
+
+    **Arguments:** `points`: smaller is better; a point with a NaN is never on it.
+    """
+    points = np.asarray(points, float).reshape(-1, 2)
+    front = np.zeros(len(points), bool)
+    last = np.full(2, np.inf)  # of the front so far, from the left
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    for i in order[np.isfinite(points[order]).all(axis=1)]:
+        if points[i, 1] < last[1] or (points[i] == last).all():
+            front[i], last = True, points[i]
+    return front
+
+
+NEGLIGIBLE = 1e-4
+"""Step of biases, relative to MTCD: those within it count as equally good."""
+
+
+def front_of(rows: Sequence[Row], monte_carlo: float = 0.01) -> list[Row]:
+    """Rows of one technique that no other is both faster and less biased than.
+
+    **Arguments:** `monte_carlo`: relative standard error to which seconds are counted.
+    """
+    rows = [row for row in rows if row.reference_mtcd > 0 and not row.is_other_device]
+    points = [
+        (
+            row.seconds_to(monte_carlo),
+            max(1, round(abs(row.bias) / row.reference_mtcd / NEGLIGIBLE)),
+        )
+        for row in rows
+    ]
+    is_on = pareto_front(np.array(points).reshape(-1, 2))
+    front = [row for row, on in zip(rows, is_on, strict=True) if on]
+    return sorted(front, key=lambda row: row.seconds_to(monte_carlo))
+
+
+_READ: dict[Any, Callable[[str], Any]] = {
+    str: str,
+    int: int,
+    float: float,
+    bool: lambda text: {"True": True, "False": False}[text],
+}
+_OWN = [field for field in dataclasses.fields(Row) if field.name != "identity"]
+_SHARED = dataclasses.fields(Identity)
+COLUMNS = tuple(field.name for field in (*_OWN, *_SHARED))
+
+
+def write_csv(rows: Sequence[Row], path: str | os.PathLike) -> Path:
+    """Write rows, each with its identity, numbers to the last digit.
+
+    **Returns:** the path. The file appears at once and whole.
+    """
+    with (
+        written_atomically(path) as unfinished,
+        open(unfinished, "w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        for row in rows:
+            values = dataclasses.asdict(row)
+            writer.writerow(values | values.pop("identity"))
+    return Path(path)
+
+
+def read_csv(path: str | os.PathLike) -> list[Row]:
+    """Read rows back, equal to those written.
+
+    **Errors:** `ValueError` naming the file: missing, or not written by `write_csv`.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(
+            f"{path}: not a table of `hmdjit trade-off`: {error}."
+        ) from None
+    except FileNotFoundError:
+        raise ValueError(
+            f"{path}: no such file: run `hmdjit trade-off` first."
+        ) from None
+
+    def values(fields: Iterable[dataclasses.Field], line: dict[str, str]) -> dict:
+        return {field.name: _READ[field.type](line[field.name]) for field in fields}
+
+    try:
+        rows = [
+            Row(**values(_OWN, line), identity=Identity(**values(_SHARED, line)))
+            for line in lines
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: not a table of `hmdjit trade-off`: {error}."
+        ) from None
+    if not rows:
+        raise ValueError(f"{path}: holds no row: run `hmdjit trade-off` first.")
+    return rows

@@ -1,0 +1,98 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import viewing
+
+import hmdjit as hj
+from hmdjit.simulation import apply as clips
+from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
+
+FRAMES = 8
+WIDTH, HEIGHT = 24, 18
+CAMERA = hj.Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=1.5, refresh_hz=60.0)
+STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
+
+
+@pytest.mark.parametrize(
+    ("shape", "poses", "technique", "message"),
+    [
+        (
+            (8, 9, 9, 3),
+            STILL,
+            "none",
+            r"^frames must have the camera's size \(18, 24, 3\)",
+        ),
+        (
+            (8, 18, 24, 4),
+            STILL,
+            "none",
+            r"^frames must .*, got shape \(8, 18, 24, 4\).$",
+        ),
+        ((18, 24, 3), STILL, "none", r"^frames must .*, got shape \(18, 24, 3\).$"),
+        (
+            (7, 18, 24, 3),
+            STILL,
+            "none",
+            r"^poses must have one row per frame \(7\), got 8",
+        ),
+        (
+            (8, 18, 24, 3),
+            STILL,
+            "ssaa2",
+            r"^frames must have 4 samples per pixel for ssaa2",
+        ),
+        ((8, 2, 18, 24, 3), STILL, "none", r"^frames must have 1 samples .* got 2.$"),
+        (
+            (8, 18, 24, 3),
+            3 * STILL,
+            "none",
+            r"^poses\[0\] must have a length in .* got 3.$",
+        ),
+        ((0, 18, 24, 3), STILL[:0], "none", r"^poses must have at least 1 row, got 0"),
+        (
+            (8, 18, 24, 3),
+            STILL[:, 1:],
+            "none",
+            r"^poses must have the shape \(frames, 4\)",
+        ),
+    ],
+)
+def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, message):
+    technique = hj.techniques.by_id(technique)
+    with pytest.raises(ValueError, match=message) as error:
+        hj.apply(technique, CAMERA, np.zeros(shape), poses)
+    assert "\n" not in str(error.value)
+
+
+def test_frames_of_whole_numbers_are_refused(untyped):
+    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    with pytest.raises(
+        ValueError, match=r"^frames must be floats in \[0, 1\], got uint8"
+    ):
+        hj.apply(NoAntialiasing(), CAMERA, jnp.asarray(frames), STILL)
+
+
+@pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])
+def test_a_mask_that_does_not_fit_is_refused(untyped, shape):
+    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3))
+    mask = np.ones(shape, bool)
+    message = r"^static_mask must have the shape \(8, 18, 24\), got \("
+    with pytest.raises(ValueError, match=message):
+        hj.apply(HeadMovement(), CAMERA, frames, STILL, static_mask=mask)
+
+
+@pytest.mark.parametrize("technique", [HeadMovement(), Freeze()], ids=lambda t: t.id)
+def test_a_stream_shows_what_a_clip_shows(rng, technique):
+    frames = rng.random((FRAMES, HEIGHT, WIDTH, 3)).astype(np.float32)
+    poses = viewing.path(rng, CAMERA, FRAMES, 0.4)
+    expected = hj.apply(technique, CAMERA, jnp.asarray(frames), poses)
+    ours = list(clips.stream(technique, CAMERA, iter(frames), poses))
+    assert len(ours) == FRAMES
+    # One program and another may fuse differently: an ulp per step, which fades.
+    np.testing.assert_allclose(np.stack(ours), expected, rtol=0, atol=3e-7)
+
+
+def test_a_stream_of_one_sample_per_pixel_cannot_be_resolved(rng):
+    message = "^frames must have 4 samples per pixel for ssaa2, got 1.$"
+    with pytest.raises(ValueError, match=message):
+        next(clips.stream(SSAA(2), CAMERA, iter([]), STILL))

@@ -1,0 +1,400 @@
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+import hmdjit as hj
+from hmdjit.estimates.summary import summarize
+from hmdjit.studies import run as monte_carlo
+from hmdjit.studies import runner as measuring
+from hmdjit.studies.failures import FailedSessionsError, Failures
+from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
+from hmdjit.studies.store import fingerprint
+
+CAMERA = hj.Camera(64, 64, fov_deg=8.0)  # 8 px/deg, as a headset's centre
+IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+
+
+def _study(**changes):
+    settings = {
+        "scenes": {
+            "noise": hj.scenes.power_law_noise(),
+            "board": hj.scenes.checkerboard(square_deg=1.0),
+        },
+        "techniques": [hj.techniques.by_id(id) for id in ("none", "head_movement")],
+        "baseline": "none",
+        "head": hj.HeadMotion.seated(),
+        "camera": CAMERA,
+        "sessions": 12,
+        "frames": 4,
+        "warmup": 3,
+        "measure": Tiles(2, 16),
+        "margin_deg": 4.0,
+    }
+    return hj.Study(**(settings | changes))
+
+
+@pytest.fixture(scope="module")
+def data():
+    return _study().run(seed=5)
+
+
+def _plain(**changes):
+    """The same sessions, of the technique that is compiled soonest."""
+    return _study(techniques=[hj.techniques.NoAntialiasing()], **changes)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return _plain().run(seed=5)
+
+
+@pytest.mark.slow
+def test_rows_mean_what_they_say():
+    rows = [hj.techniques.by_id(id) for id in IDS]
+    data = _study(techniques=rows, baseline="msaa4").run(seed=5)
+    assert dict(data.sizes) == {"technique": 5, "scene": 2, "session": 12}
+    mtcd, loss = data["mtcd"], data["detail_loss"]
+    # On a picture MSAA is no anti-aliasing, exactly; frozen pictures do not flicker.
+    np.testing.assert_array_equal(
+        mtcd.sel(technique="msaa4"), mtcd.sel(technique="none")
+    )
+    assert (mtcd.sel(technique="freeze") == 0).all()
+    assert (loss.sel(technique="ssaa4") == 0).all()
+    assert (loss.sel(technique="freeze") > loss.sel(technique="none")).all()
+    means = mtcd.mean("session")
+    assert (means.sel(technique="head_movement") < means.sel(technique="none")).all()
+
+
+def test_results_identify_themselves(plain):
+    attributes = plain.attrs
+    assert attributes["px_per_deg_centre"] == pytest.approx(
+        CAMERA.focal_px * np.pi / 180, rel=1e-6
+    )
+    for name in ("config_hash", "model_version", "jax_version", "device", "head"):
+        assert attributes[name]
+    assert json.loads(attributes["failed_sessions"]) == []
+    assert (plain["rotation_deg"] > 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch_size", [1, 5])
+def test_bits_do_not_depend_on_the_batch(data, batch_size):
+    again = _study().run(seed=5, batch_size=batch_size)
+    xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
+
+
+@pytest.mark.slow
+def test_the_first_sessions_of_a_longer_study_are_the_shorter_one(data):
+    longer = _study(sessions=20).run(seed=5)
+    xarray.testing.assert_identical(
+        longer.isel(session=slice(12)).drop_attrs(), data.drop_attrs()
+    )
+    assert not np.array_equal(_study().run(seed=6)["mtcd"], data["mtcd"])
+
+
+def test_an_interrupted_study_goes_on_and_equals_an_uninterrupted_one(tmp_path, plain):
+    def stop_in_the_middle(event):
+        if event.done > event.total / 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _plain().run(seed=5, out=tmp_path, batch_size=5, progress=stop_in_the_middle)
+    assert not (tmp_path / "result.nc").exists()
+    kept = set((tmp_path / "batches").iterdir())
+    assert kept
+    events = []
+    resumed = _plain().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    xarray.testing.assert_identical(resumed.drop_attrs(), plain.drop_attrs())
+    assert resumed.attrs["config_hash"] == plain.attrs["config_hash"]
+    assert 0 < events[-1].fresh < events[-1].total == events[-1].done
+    assert kept < set((tmp_path / "batches").iterdir())
+
+    # Once finished, nothing is computed again.
+    _plain().run(seed=5, out=tmp_path, batch_size=5, progress=events.append)
+    assert events[-1].fresh == 0
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as written:
+        np.testing.assert_array_equal(written["mtcd"], plain["mtcd"])
+
+
+@pytest.mark.slow
+def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
+    small = {
+        "sessions": 3,
+        "scenes": {"noise": hj.scenes.power_law_noise()},
+        "techniques": [hj.techniques.NoAntialiasing()],
+    }
+    _study(**small).run(seed=0, out=tmp_path)
+    changes = [
+        {"warmup": 2},
+        {"head": hj.HeadMotion((1.0, 1.0, 1.0), (0.1, 0.1, 0.1), (0.0, 0.0, 0.0))},
+        {"scenes": {"noise": hj.scenes.power_law_noise(seed=1)}},
+        {"margin_deg": 3.0},
+        {"camera": hj.Camera(64, 64, fov_deg=8.0, refresh_hz=72.0)},
+    ]
+    for change in changes:
+        events = []
+        _study(**(small | change)).run(seed=0, out=tmp_path, progress=events.append)
+        assert events[-1].fresh == events[-1].total, change
+
+
+@pytest.mark.slow
+def test_one_compilation_per_technique_serves_all_scenes():
+    rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
+    programs: Any = measuring._measure.jitted
+    programs.clear_cache()
+    _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
+    # MSAA shares the run of none; the last batch is filled up to the others' size.
+    assert programs._cache_size() == 2
+
+
+@pytest.mark.slow
+def test_tiles_crop_and_whole_frame_measure_the_same_kind_of_thing():
+    means = {}
+    for measure in (Tiles(2, 16), CentralCrop(32), WholeFrame()):
+        data = _study(measure=measure, sessions=10).run(seed=1)
+        means[type(measure)] = float(data["mtcd"].sel(technique="none").mean())
+        assert np.isfinite(data["mtcd"]).all()
+    # The field is narrow, so the picture moves alike everywhere.
+    assert means[CentralCrop] == pytest.approx(means[WholeFrame], rel=0.3)
+    assert means[Tiles] == pytest.approx(means[WholeFrame], rel=0.3)
+
+
+@pytest.mark.slow
+def test_tile_means_agree_with_whole_frames():
+    """Unbiased: the same sessions by tiles and by whole frames, on three scenes."""
+    camera = hj.Camera(256, 256, fov_deg=80.0)  # fast at its sides, slow in its centre
+    scenes = {
+        "noise": hj.scenes.power_law_noise(),
+        "board": hj.scenes.checkerboard(),
+        "plate": hj.scenes.zone_plate(),
+    }
+    common = {"camera": camera, "scenes": scenes, "sessions": 150, "margin_deg": 4.0}
+    tiled = _study(measure=Tiles(4, 32), **common).run(seed=3)
+    whole = _study(measure=WholeFrame(), **common).run(seed=3)
+    for name in ("mtcd", "detail_loss"):
+        difference = (tiled[name] - whole[name]).sel(
+            technique=["none", "head_movement"]
+        )
+        error = difference.std("session", ddof=1) / np.sqrt(difference.sizes["session"])
+        z = np.abs(difference.mean("session") / error)
+        # 12 z-tests below 4 in all: false alarm 12 x 6.3e-5 < 0.1 %.
+        assert float(z.max()) < 4, (name, z.values)
+
+
+def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
+    calm = _study(sessions=6, measure=Tiles(2, 16))
+    runner = monte_carlo._runner(calm, 6)
+    kim = hj.techniques.HeadMovement()
+    usual = runner._usual_halo[fingerprint(kim)]
+    assert usual > 0
+    assert runner._usual_halo[fingerprint(hj.techniques.NoAntialiasing())] == 0
+    batch = monte_carlo._sessions(calm, 0, 6).batch(0, 6)
+    assert not runner.is_wide(kim, batch).any()
+    need = runner._needed_halo(kim, batch)
+    runner._usual_halo[fingerprint(kim)] = small = int(need.min())
+    halo = runner.halo(kim, batch)
+    assert (halo >= need).all()
+    np.testing.assert_array_equal(runner.is_wide(kim, batch), need > small)
+    assert runner.is_wide(kim, batch).any()
+
+
+@pytest.mark.slow
+def test_a_wide_session_equals_itself_in_a_wide_study():
+    """The halo decides how much is rendered, not what is measured."""
+    study = _study(sessions=6, measure=Tiles(1, 16))
+    texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
+    runner = monte_carlo._runner(study, 6)
+    kim = hj.techniques.HeadMovement()
+    batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
+    usual = runner.run(kim, texture, batch)
+    for halo in (0, 64):
+        runner._usual_halo[fingerprint(kim)] = halo
+        again = runner.run(kim, texture, batch)
+        # Errors beyond a halo reach the tile with less than 1e-5 of the colour range;
+        # MTCD moves by at most 2 x 255 x sqrt(3) times that.
+        np.testing.assert_allclose(again.mtcd, usual.mtcd, atol=9e-3)
+
+
+@pytest.mark.slow
+def test_sessions_that_leave_the_margin_are_named_and_stop_the_study():
+    restless = hj.HeadMotion((60.0, 60.0, 1.0), (0.5, 0.5, 0.1), (0.0, 0.0, 0.0))
+    study = _study(head=restless, margin_deg=0.5)
+    message = r"of 12 sessions gave no finite number \(\d.*margin_deg = 0\.5 from"
+    with pytest.raises(FailedSessionsError, match=message):
+        study.run(seed=0)
+
+
+def _replay_with_a_turn():
+    """Ten windows of still heads; in one the head turns out of the margin."""
+    still = np.zeros((70, 3))
+    still[30:35, 1] = np.radians(np.linspace(1, 8, 5))
+    poses = np.asarray(jax.vmap(hj.quaternion.exp)(jnp.asarray(still)))
+    trace = hj.Trace(np.arange(70) / 60, poses)
+    one = {"board": hj.scenes.checkerboard(square_deg=1.0)}
+    none = (hj.techniques.by_id("none"),)
+    return _study(head=hj.Replay([trace]), scenes=one, techniques=none, sessions=10)
+
+
+def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
+    study = _replay_with_a_turn()
+    with pytest.raises(FailedSessionsError, match=r"at most 1% may") as stop:
+        study.run(seed=0)
+    assert "kept" not in str(stop.value)
+    monkeypatch.setattr(measuring, "MOST_FAILED", 0.1)
+    with pytest.raises(FailedSessionsError) as stop:
+        study.run(seed=0, out=tmp_path)
+    found = re.fullmatch(
+        r"1 of 10 sessions gave no finite number \((\d)\); omit_failed=True "
+        r"\(--omit-failed\) leaves them out\. One cause is a head that turns more than "
+        r"margin_deg = 4 from where it started\. Finished batches are kept in (.*)\.",
+        str(stop.value),
+    )
+    assert found
+    assert found[2] == str(tmp_path)
+    assert not (tmp_path / "result.nc").exists()
+
+    # What the study that stopped has kept is all that the other needs.
+    events = []
+    data = study.run(seed=0, out=tmp_path, omit_failed=True, progress=events.append)
+    assert events[-1].fresh == 0
+    failed = int(found[1])
+    assert json.loads(data.attrs["failed_sessions"]) == [failed]
+    assert data.attrs["omit_failed"] == 1
+    assert np.flatnonzero(np.isnan(data["mtcd"][0, 0])).tolist() == [failed]
+    row = summarize(data)[0]
+    assert row.mean == pytest.approx(float(data["mtcd"][0, 0].mean(skipna=True)))
+    assert row.sessions == 9
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as written:
+        assert written.attrs["omit_failed"] == 1
+
+
+def test_a_choice_leaves_out_no_more_than_may_fail(monkeypatch):
+    monkeypatch.setattr(measuring, "MOST_FAILED", 0.09)
+    with pytest.raises(FailedSessionsError, match=r"at most 9% may, with omit_fail"):
+        _replay_with_a_turn().run(seed=0, omit_failed=True)
+
+
+def test_a_study_that_stops_early_says_how_far_it_is():
+    with pytest.raises(
+        FailedSessionsError, match=r"10 sessions \(\d run so far\) gave"
+    ):
+        _replay_with_a_turn().run(seed=0, batch_size=9)
+
+
+@pytest.mark.slow
+def test_the_choice_is_no_part_of_what_sessions_are(data):
+    again = _study().run(seed=5, omit_failed=True)
+    xarray.testing.assert_identical(data.drop_attrs(), again.drop_attrs())
+    assert data.attrs["omit_failed"] == 0
+    same = data.attrs | {"omit_failed": 1}
+    assert again.attrs == same
+
+
+def test_few_of_many_sessions_may_be_left_out():
+    few, many = list(range(5)), list(range(6))
+    stop, omit = (Failures(omit, 6.0, None) for omit in (False, True))
+    stop.check([], 500)
+    omit.check(few, 500)
+    for failures, failed, choice in (
+        (stop, [7], "leaves them out"),
+        (stop, few, "leaves them out"),
+        (stop, many, r"at most 1% may"),
+        (omit, many, r"at most 1% may"),
+    ):
+        words = rf"{len(failed)} of 500 sessions gave.*{choice}"
+        with pytest.raises(FailedSessionsError, match=words):
+            failures.check(failed, 500)
+    with pytest.raises(FailedSessionsError, match=r"\(0, 1, .*, 9, \.\.\.\);"):
+        stop.check(list(range(30)), 40)
+
+
+@pytest.mark.slow
+def test_replays_carry_their_subjects_and_their_rate():
+    traces = []
+    for i, subject in enumerate("ab"):
+        poses = hj.HeadMotion.seated().sample(jax.random.key(i), 90.0, 40)
+        traces.append(hj.Trace(np.arange(40) / 90, np.asarray(poses), subject=subject))
+    data = _study(head=hj.Replay(traces)).run(seed=0)
+    assert data.sizes["session"] == 2 * (40 // 7)
+    assert data.attrs["refresh_hz"] == pytest.approx(90.0)
+    assert set(data["subject"].values) == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sessions": 0}, r"sessions must be a whole number >= 1, got 0"),
+        ({"frames": 1}, r"frames must be a whole number >= 2, got 1"),
+        ({"warmup": -1}, r"warmup must be a whole number >= 0, got -1"),
+        ({"baseline": "nine"}, r"baseline must be one of .* Did you mean 'none'"),
+        ({"oversampling": 3}, r"oversampling must be 1, 2 or 4, got 3"),
+        ({"margin_deg": 90.0}, r"margin_deg must lie in"),
+        ({"scenes": {"all": hj.scenes.uniform()}}, r"scenes must not be named 'all'"),
+        ({"scenes": {}}, r"scenes must name at least one scene"),
+        ({"techniques": []}, r"techniques must name at least one"),
+        (
+            {"techniques": [hj.techniques.SSAA(2), hj.techniques.SSAA(2)]},
+            r"techniques must have distinct ids, got ssaa2, ssaa2",
+        ),
+        ({"measure": Tiles(2, 48)}, r"tiles size_px must divide"),
+    ],
+)
+def test_wrong_studies_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        _study(**changes)
+
+
+_PEAK_MEMORY = """
+import resource
+import hmdjit as hj
+from hmdjit.studies.measured_blocks import Tiles
+
+def run(sessions):
+    hj.Study(
+        scenes={"noise": hj.scenes.power_law_noise()},
+        techniques=[hj.techniques.NoAntialiasing()],
+        head=hj.HeadMotion.seated(),
+        camera=hj.Camera(64, 64, fov_deg=8.0),
+        sessions=sessions, frames=4, warmup=3, measure=Tiles(2, 16), baseline="none",
+    ).run(seed=0, batch_size=50)
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+run(500)
+run(1000)
+run(8000)
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_sessions():
+    # A process of its own: the checks of the test run keep memory of what they saw. Its
+    # first study warms up caches.
+    command = [sys.executable, "-c", _PEAK_MEMORY]
+    root = Path(__file__).parents[1]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root)
+    _, before, after = map(int, done.stdout.split())
+    # A result is 16 bytes per session, scene and technique: 0.1 MB. 20 MB is slack.
+    assert after - before < 20_000
+
+
+@pytest.mark.slow
+def test_techniques_with_array_leaves_are_run(data):
+    kim = hj.techniques.HeadMovement(w_min=jnp.asarray(0.3, jnp.float32))
+    rows = [hj.techniques.NoAntialiasing(), kim]
+    again = _study(techniques=rows).run(seed=5)
+    np.testing.assert_allclose(again["mtcd"], data["mtcd"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_seeds_that_would_wrap_around_are_refused(seed):
+    with pytest.raises(ValueError, match="seed must"):
+        _study().run(seed=seed)

@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+
+import hmdjit as hj
+from hmdjit import curves
+from hmdjit.simulation.session import Result
+from hmdjit.studies.store import Store, fingerprint
+
+
+def test_fingerprint_depends_on_every_number_and_type():
+    kim = hj.techniques.HeadMovement
+    parts = [
+        kim(),
+        kim(w_min=0.31),
+        kim(closeness=(0.5,)),
+        kim(resolve=hj.techniques.SSAA(2)),
+        kim(space="linear"),
+        kim(ease=curves.Linear()),
+        kim(ease=curves.Cosine(2.0)),
+        kim(ease=curves.Cosine(2.5)),
+        kim(localization=curves.Kim()),
+        kim(localization=curves.Spline((1, 2, 1))),
+        hj.Camera(),
+        hj.Camera(fov_deg=95.0),
+        hj.HeadMotion.seated(),
+        np.zeros(3),
+        np.zeros(3, np.float32),
+        np.zeros((3, 1)),
+        [1, [2]],
+        [1, 2],
+        1,
+        1.0,
+        "1",
+        True,
+        None,
+        {"a": 1},
+        {"b": 1},
+    ]
+    assert len({fingerprint(part) for part in parts}) == len(parts)
+    assert fingerprint(kim()) == fingerprint(kim())
+
+
+def test_a_label_changes_no_fingerprint():
+    kim = hj.techniques.HeadMovement
+    assert fingerprint(kim(label="a")) == fingerprint(kim(label="b"))
+
+
+def test_fingerprint_refuses_what_it_cannot_take_apart():
+    with pytest.raises(TypeError, match="fingerprint of a function"):
+        fingerprint(lambda: 0)
+
+
+def test_a_kept_batch_is_found_by_its_key_only(tmp_path):
+    store = Store(tmp_path)
+    result = Result(np.array([1.0, 2.0]), np.array([3.0, 4.0]))
+    store.keep("none-noise-0", "a" * 64, result)
+    found = store.find("none-noise-0", "a" * 64)
+    assert found is not None
+    np.testing.assert_array_equal(found.mtcd, result.mtcd)
+    np.testing.assert_array_equal(found.detail_loss, result.detail_loss)
+    assert store.find("none-noise-0", "b" * 64) is None
+    assert store.find("none-noise-1", "a" * 64) is None
+    assert [path.suffix for path in (tmp_path / "batches").iterdir()] == [".npz"]
+
+
+def test_names_of_kept_batches_are_names_of_files_anywhere(tmp_path):
+    store = Store(tmp_path)
+    store.keep(
+        "head_movement:a+ssaa2-<b/c>-0", "a" * 64, Result(np.ones(1), np.ones(1))
+    )
+    (file,) = (tmp_path / "batches").iterdir()
+    assert file.name == f"head_movement_a+ssaa2-_b_c_-0-{'a' * 16}.npz"
+    assert store.find("head_movement:a+ssaa2-<b/c>-0", "a" * 64) is not None
+
+
+def test_a_damaged_batch_counts_as_unfinished(tmp_path):
+    store = Store(tmp_path)
+    store.keep("x", "a" * 64, Result(np.zeros(50), np.zeros(50)))
+    (file,) = (tmp_path / "batches").iterdir()
+    whole = file.read_bytes()
+    for content in (b"", b"rubbish", whole[: len(whole) // 2]):
+        file.write_bytes(content)
+        assert store.find("x", "a" * 64) is None
+
+
+def test_a_store_without_a_folder_keeps_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    store = Store(None)
+    store.keep("x", "a" * 64, Result(np.zeros(1), np.zeros(1)))
+    assert store.find("x", "a" * 64) is None
+    assert not list(tmp_path.iterdir())
