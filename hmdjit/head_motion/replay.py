@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from .. import _checks
-from ..head_motion import Trace
 from ..quaternion import rebase
+from .trace import Trace
 
 
 class Replay(eqx.Module):
