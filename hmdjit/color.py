@@ -9,6 +9,9 @@ from jaxtyping import Array, Float
 
 from ._types import Numbers, Plane, Rgb
 
+CODE_VALUES = 255.0
+"""Largest code value of an 8-bit display."""
+
 STEEPEST_ENCODE = 12.92
 """Largest slope of `encode`: that of its straight line at black."""
 

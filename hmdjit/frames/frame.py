@@ -1,7 +1,9 @@
-"""What passes from stage to stage: motion, displacements and frames."""
+"""What rendering hands to a technique."""
+
+from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Shaped
 
 from .._types import RotationVector, Samples
 from ..camera import Camera, Region
@@ -16,6 +18,8 @@ class Frame(eqx.Module):
     - `static_mask`: True where the scene is static, `(height, width)`; None is
       everywhere.
     - `reading`: how techniques read their history.
+    - `channels`: what else the technique needs, by name, one plane or stack of planes
+      per sample, `(samples, channels, height, width)`.
     """
 
     color: Samples
@@ -23,6 +27,9 @@ class Frame(eqx.Module):
     region: Region
     static_mask: Bool[Array, "height width"] | None = None
     reading: Reading = GATHER
+    channels: Mapping[str, Shaped[Array, "samples channels height width"]] = eqx.field(
+        default_factory=dict
+    )
 
     def displacement(self, rotation: RotationVector) -> Displacement:
         """Where the sources of this frame's pixels lie when their rays are turned."""

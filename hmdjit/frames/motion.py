@@ -18,10 +18,13 @@ class Motion(eqx.Module):
     - `offset`: `log(q_hold^-1 q_k)`, rad: where the head points now.
     - `increment`: `log(q_{k-1}^-1 q_k)`, rad: how it turned since the last frame; 0 at
       the first frame.
+    - `position_m`: where the eye is, from its place in the hold pose; None where a head
+      only turns.
     """
 
     offset: Float[Array, "*frames 3"]
     increment: Float[Array, "*frames 3"]
+    position_m: Float[Array, "*frames 3"] | None = None
 
     @classmethod
     def of(cls, poses: Poses) -> "Motion":

@@ -1,19 +1,38 @@
-"""Pictures that are read only through `source.at(displacement)`: history, texture.
+"""What is read: histories and scenes, each through one door.
 
 A displacement says where a pixel's source lies relative to the pixel's own centre. That
 keeps the digits that a position near 1000 px would lose, and leaves storage and taps to
 the source: a faster source changes no technique.
 """
 
+import abc
+import contextlib
+from collections.abc import Collection, Iterator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
-from .._types import Picture, Plane, Planes, Rgb, WholeNumber
-from ..camera import Region
+from .. import camera_bounds
+from .._types import Picture, Plane, Planes, Rgb, RotationVector, WholeNumber
+from ..camera import Camera, Region
 from . import resampling
-from .displacement import Displacement
+from .displacement import GATHER, Displacement, Reading
+from .motion import Motion
 from .resampling import Texels
+
+_recorded: list[list[Displacement | None]] = []
+
+
+@contextlib.contextmanager
+def recorded_reads() -> Iterator[list[Displacement | None]]:
+    """Record where histories are read while a step is traced; None is unmoved."""
+    _recorded.append([])
+    try:
+        yield _recorded[-1]
+    finally:
+        _recorded.pop()
 
 
 class History(eqx.Module):
@@ -79,6 +98,8 @@ class History(eqx.Module):
 
     def under(self, region: Region) -> Planes:
         """Planes of some of its pixels, unmoved."""
+        for reads in _recorded:
+            reads.append(None)
         _, _, channels, *_ = self.texels.shape
         column, row = self._place(region)
         start = [jnp.asarray(i, jnp.int32) for i in (0, 0, 0, row, column)]
@@ -87,6 +108,8 @@ class History(eqx.Module):
 
     def at(self, displacement: Displacement) -> Planes:
         """Planes read where each pixel's source lies, `(channels, height, width)`."""
+        for reads in _recorded:
+            reads.append(displacement)
         if displacement.reading.sampler == "at_rest":
             return self.under(displacement.region)
         place = self._place(displacement.region)
@@ -94,7 +117,41 @@ class History(eqx.Module):
         return _read(self.texels, place, displacement, filter_)
 
 
-class Texture(eqx.Module):
+class View(eqx.Module):
+    """From where a region is seen.
+
+    - `offset`: where the head points, as rotation from the hold pose, rad, `(3,)`.
+    - `position_m`: where the eye is, from the hold pose, `(3,)`; None where
+      a head only turns.
+    - `sample_px`: which point of each pixel, px from its centre; None is the centre.
+    """
+
+    camera: Camera
+    region: Region
+    offset: RotationVector
+    position_m: Float[Array, "3"] | None = None
+    sample_px: Float[Array, "2"] | None = None
+    reading: Reading = GATHER
+
+
+class AbstractSource(eqx.Module):
+    """A scene, as rendering reads it."""
+
+    @property
+    @abc.abstractmethod
+    def gives(self) -> frozenset[str]:
+        """Channels that there are to ask for; `"color"` always."""
+
+    @abc.abstractmethod
+    def seen(self, view: View, channels: Collection[str]) -> dict[str, Planes]:
+        """Planes of the channels asked for, at one point of each pixel of a region."""
+
+    @abc.abstractmethod
+    def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
+        """Whether all that a session sees of a region is there to be read."""
+
+
+class Texture(AbstractSource):
     """A scene seen from the hold pose, baked: the image plane with a margin around it.
 
     Texel `k (i + margin_px)` of a row, k the oversampling, has its centre in that of
@@ -142,6 +199,28 @@ class Texture(eqx.Module):
         region = displacement.region
         place = (region.x0 + self.margin_px, region.y0 + self.margin_px)
         return _read(texels, place, displacement, displacement.reading.texture_filter)
+
+    @property
+    def gives(self) -> frozenset[str]:
+        """Colour, and the SSAA(4) reference in one read."""
+        return frozenset({"color", "supersampled"})
+
+    def seen(self, view: View, channels: Collection[str]) -> dict[str, Planes]:
+        """Read a picture: it is as far away as can be, so only rotation counts."""
+        displacement = Displacement(
+            view.camera, view.region, view.offset, view.sample_px, view.reading
+        )
+        return {
+            channel: self.at(displacement, supersampled=channel == "supersampled")
+            for channel in channels
+        }
+
+    def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
+        """Whether the head stays within the margin."""
+        bounds = jax.vmap(
+            lambda r: camera_bounds.displacement_bound(camera, region, r)
+        )(motion.offset)
+        return jnp.all(bounds <= self.margin_px)
 
 
 def _read(

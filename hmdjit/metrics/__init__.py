@@ -1,8 +1,19 @@
-"""Metrics: what is reported of a displayed clip."""
+"""Metrics: what is reported of a displayed clip.
 
+A session streams those of `STANDARD`, or of a study's own list, on its displayed
+frames; the first of a list is its headline.
+"""
+
+from .base import AbstractMetric as AbstractMetric
+from .base import PixelMean as PixelMean
+from .base import Streamed as Streamed
+from .image_error import DetailLoss as DetailLoss
 from .image_error import mse as mse
 from .image_error import psnr as psnr
 from .image_error import rmsd as rmsd
 from .image_error import snr as snr
-from .mtcd import StreamedMtcd as StreamedMtcd
+from .mtcd import MTCD as MTCD
 from .mtcd import mtcd as mtcd
+
+STANDARD: tuple[AbstractMetric, ...] = (MTCD(), DetailLoss())
+"""Flicker, and what removing it costs: MTCD alone is won by a frozen picture."""

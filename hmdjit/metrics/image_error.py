@@ -1,18 +1,37 @@
-"""Errors of a picture against a reference: MSE, RMSD, PSNR, SNR.
+"""Errors of a picture against a reference: detail loss; MSE, RMSD, PSNR, SNR.
 
-All take values on whatever scale they are given and average over pixels and channels.
-PSNR and SNR of identical pictures are infinite: average MSE over frames first. The
-gradients of RMSD, PSNR and SNR there are chosen as exactly 0.
+The functions take values on whatever scale they are given and average over pixels and
+channels. PSNR and SNR of identical pictures are infinite: average MSE over frames
+first. The gradients of RMSD, PSNR and SNR there are chosen as exactly 0.
 """
 
 import math
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from .._types import Numbers, Scalar
+from .. import color
+from .._types import Numbers, Plane, Rgb, Scalar
+from .base import PixelMean
 
-PEAK = 255.0
+PEAK = color.CODE_VALUES
+
+
+class DetailLoss(PixelMean):
+    """Mean squared error of displayed frames to the SSAA(4) reference of the same pose.
+
+    Code values squared, over pixels, channels and frames.
+    """
+
+    id: ClassVar[str] = "detail_loss"
+    unit: ClassVar[str] = "code values^2"
+    needs_reference: ClassVar[bool] = True
+
+    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+        """Mean squared error over a pixel's channels."""
+        assert reference is not None
+        return PEAK**2 / 3 * color.squared_distance(shown, reference)
 
 
 @jax.jit

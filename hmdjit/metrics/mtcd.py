@@ -1,31 +1,37 @@
 """MTCD, mean temporal colour difference: how much a displayed clip flickers."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Float
 
 from .. import color
-from .._types import Clip, Rgb, Scalar
+from .._types import Clip, Plane, Rgb, Scalar
+from ..camera import Region
+from ..color import CODE_VALUES as CODE_VALUES
+from .base import PixelMean
 
-CODE_VALUES = 255.0  # of an 8-bit display; MTCD is on gamma colours, unquantised
 
+class MTCD(PixelMean):
+    """Mean over pixels and consecutive displayed frames of the RGB distance.
 
-def pair_distance(displayed: Rgb, previous: Rgb) -> Scalar:
-    """Mean over pixels of the RGB distance between two displayed pictures.
+    Code values of 8 bits, 0 to 441.7; on gamma colours, unquantised.
 
-    **Arguments:** gamma colours in `[0, 1]`, shape `(3, height, width)`.
-
-    **Returns:** code values (0 to 255 sqrt(3)).
-
-    **Source:** Kim et al., equation (6): the term of one pair of frames.
+    **Source:** Kim et al., equation (6).
     """
-    return CODE_VALUES * jnp.mean(color.distance(displayed, previous))
+
+    id: ClassVar[str] = "mtcd"
+    unit: ClassVar[str] = "code values of 255"
+    is_of_pairs: ClassVar[bool] = True
+
+    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+        """Distance of a pixel's colours in two consecutive frames, code values."""
+        return CODE_VALUES * color.distance(shown, previous)
 
 
 @jax.jit
 def mtcd(clip: Clip) -> Scalar:
-    """Mean over pixels and consecutive pairs of the RGB distance, same pixel.
+    """MTCD of a clip.
 
     **Arguments:** `clip`: displayed gamma frames, `(frames >= 2, height, width, 3)`.
 
@@ -35,29 +41,10 @@ def mtcd(clip: Clip) -> Scalar:
 
     **Source:** Kim et al., equation (6).
     """
-    if clip.shape[0] < 2:
-        raise ValueError(f"clip must have at least 2 frames, got {clip.shape[0]}.")
-    planes = jnp.moveaxis(clip, -1, 1)
-    return jnp.mean(jax.vmap(pair_distance)(planes[1:], planes[:-1]))
-
-
-class StreamedMtcd:
-    """MTCD of a clip that comes picture by picture, in float64 NumPy."""
-
-    def __init__(self):
-        self._last: Float[np.ndarray, "height width 3"] | None = None
-        self._sum, self._pairs = 0.0, 0
-
-    def add(self, picture: Float[np.ndarray, "height width 3"]) -> None:
-        """Take in the next picture; gamma colours in `[0, 1]`."""
-        if self._last is not None:
-            change = np.asarray(picture, np.float64) - self._last
-            distance = np.sqrt(np.sum(change**2, axis=-1))
-            self._sum += CODE_VALUES * float(np.mean(distance))
-            self._pairs += 1
-        self._last = np.array(picture)
-
-    @property
-    def value(self) -> float:
-        """MTCD so far, code values; NaN before the second picture."""
-        return self._sum / self._pairs if self._pairs else float("nan")
+    frames, height, width, _ = clip.shape
+    if frames < 2:
+        raise ValueError(f"clip must have at least 2 frames, got {frames}.")
+    planes, metric = jnp.moveaxis(clip, -1, 1), MTCD()
+    step = lambda state, pair: (metric.step(state, pair[0], pair[1], None), None)
+    start = metric.init(Region(0, 0, width, height), clip.dtype)
+    return metric.value(jax.lax.scan(step, start, (planes[1:], planes[:-1]))[0])

@@ -30,6 +30,11 @@ class AbstractScene(eqx.Module):
 
     name: eqx.AbstractVar[str]
 
+    @property
+    def gives(self) -> frozenset[str]:
+        """Channels that techniques may ask for."""
+        return frozenset({"color", "supersampled"})
+
     @abc.abstractmethod
     def color(self, camera: Camera, direction: Directions) -> Colors:
         """Gamma colour seen along a direction: one exact point, no anti-aliasing.

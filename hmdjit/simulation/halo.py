@@ -1,9 +1,22 @@
-"""How wide a halo keeps what a region's edge does out of the measured pixels."""
+"""How wide a halo keeps what a region's edge does out of the measured pixels.
 
+How far a technique reads its history is found by tracing its step; how much of an error
+there can remain is its hint, or all of it.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Float, Int
 
-from ..techniques.base import HistoryReach
+from ..camera import Camera, Region
+from ..frames.frame import Frame
+from ..frames.motion import Motion
+from ..frames.sources import recorded_reads
+from ..techniques.base import AbstractTechnique
+from ..techniques.check import stencil_radius_px
 
 HALO_TOLERANCE = 1e-5
 """What a halo's outer edge does may reach measured pixels with less than this."""
@@ -13,7 +26,10 @@ _WIDEST_PX = 4096  # a halo as wide as this reaches the edges of the camera fram
 
 
 def required_halo_px(
-    reach: HistoryReach, *, tolerance: float = HALO_TOLERANCE
+    inwards_px: Float[np.ndarray, "*sessions frames 4"],
+    gain: Float[np.ndarray, "*sessions frames"],
+    *,
+    tolerance: float = HALO_TOLERANCE,
 ) -> Int[np.ndarray, "*sessions"]:
     """Halo that keeps what its outer edge does out of the measured pixels.
 
@@ -24,17 +40,20 @@ def required_halo_px(
     `e_j <- g ((1 - f) e_{j-n} + f e_{j-n-1})`. A negative s, a read from farther
     inside, takes error away from the edge.
 
-    **Arguments:** `reach`: of the frames of each session.
+    **Arguments:**
+
+    - `inwards_px`: how far history may come in through a region's left, top, right and
+      bottom edge in each frame; negative where it is read from farther inside.
+    - `gain`: how much of an error in the history can remain.
 
     **Returns:** per session, the smallest whole halo, px, whose error after any frame,
     horizontal plus vertical, is below `tolerance` (of the colour range).
     """
-    *sessions, frames, _ = reach.inwards_px.shape
-    tolerance /= reach.display_slope
+    *sessions, frames, _ = inwards_px.shape
     # The four edges are four cases of one recursion. No frame is wider than the limit.
-    inwards_px = np.clip(reach.inwards_px, -_WIDEST_PX, _WIDEST_PX)
+    inwards_px = np.clip(inwards_px, -_WIDEST_PX, _WIDEST_PX)
     step = np.moveaxis(inwards_px, -1, 0).reshape(-1, frames)
-    gain = np.broadcast_to(reach.gain, (4, *reach.gain.shape)).reshape(-1, frames)
+    gain = np.broadcast_to(gain, (4, *gain.shape)).reshape(-1, frames)
     whole = np.floor(step).astype(int)
     fraction = step - whole
     deepest = int(np.max(np.sum(np.maximum(whole + 1, 0), axis=1), initial=0))
@@ -55,3 +74,103 @@ def required_halo_px(
         # each of two edges (left or right, top or bottom) half of it is allowed.
         halo = np.maximum(halo, np.sum(error >= tolerance / 2, axis=1) - 1)
     return np.max(halo.reshape(4, *sessions), axis=0)
+
+
+_NEAR_PX = 32  # how far around a block its displacements are bounded
+_AT_A_TIME = 64  # sessions, to compile once for batches and the last of them
+
+
+def needed_halo_px(
+    technique: AbstractTechnique,
+    camera: Camera,
+    motion: Motion,
+    origins: Int[Array | np.ndarray, "sessions blocks 2"],
+    block: tuple[int, int],
+) -> Int[np.ndarray, " sessions"]:
+    """Halo that the blocks of each session need with a technique; `(sessions,)`.
+
+    **Arguments:** `origins`, `block`: the measured blocks' places, and their width and
+    height, px.
+    """
+    count, frame = origins.shape[0], (camera.width_px, camera.height_px)
+    if block == frame:
+        return np.zeros(count, int)
+    increment = np.asarray(motion.increment)
+    speed = np.linalg.norm(increment, axis=-1)
+    speed_deg_s = np.degrees(speed) * float(camera.refresh_hz)
+    stencil = stencil_radius_px(technique)
+    gain = technique.history_gain(speed_deg_s)
+
+    def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
+        inwards = _inwards_px(technique, camera, increment, origins, block, around_px)
+        if inwards is None:
+            return np.full(count, stencil)
+        # Errors in the current frame's edge come in as well, once.
+        tolerance = HALO_TOLERANCE / technique.display_slope
+        return stencil + required_halo_px(inwards + stencil, gain, tolerance=tolerance)
+
+    needed = halo(_NEAR_PX)
+    if np.any(needed > _NEAR_PX):
+        # So wide a halo reaches pixels that may move faster: bound the whole frame.
+        needed = np.where(needed > _NEAR_PX, halo(max(frame)), needed)
+    return needed
+
+
+def _inwards_px(
+    technique: AbstractTechnique,
+    camera: Camera,
+    increment: Float[np.ndarray, "sessions frames 3"],
+    origins: Int[Array | np.ndarray, "sessions blocks 2"],
+    block: tuple[int, int],
+    around_px: int,
+) -> Float[np.ndarray, "sessions frames 4"] | None:
+    """How far a session's history comes in through its blocks' edges; None if unread.
+
+    Bounded over what lies `around_px` around the blocks.
+    """
+    count = len(increment)
+    filled = np.resize(np.arange(count), -(-count // _AT_A_TIME) * _AT_A_TIME)
+    spans = np.asarray(
+        _spans(technique, camera, increment[filled], origins[filled], block, around_px)
+    )[:, :count]
+    if not spans.shape[3]:
+        return None
+    low, high = spans[..., 0, :].min(axis=(0, 3)), spans[..., 1, :].max(axis=(0, 3))
+    return np.concatenate([-low, high], axis=-1)
+
+
+@partial(jax.jit, static_argnames=("block", "around_px"))
+def _spans(
+    technique: AbstractTechnique,
+    camera: Camera,
+    increments: Float[Array, "sessions frames 3"],
+    origins: Int[Array, "sessions blocks 2"],
+    block: tuple[int, int],
+    around_px: int,
+) -> Float[Array, "blocks sessions frames reads 2 2"]:
+    """Range of the displacements by which a technique reads its history, px."""
+    width = min(block[0] + 2 * around_px, camera.width_px)
+    height = min(block[1] + 2 * around_px, camera.height_px)
+    samples = technique.sample_offsets_px.shape[1]
+    dtype = increments.dtype
+
+    def span(increment: Array, origin: Array) -> Array:
+        # Clipped to the frame, as a region is; its place there does not narrow it.
+        x0, y0 = origin - around_px
+        left = jnp.clip(x0, 0, camera.width_px - width)
+        top = jnp.clip(y0, 0, camera.height_px - height)
+        region = Region(left, top, width, height)
+        # Of the step only where it reads is used: no picture is computed.
+        frame = Frame(jnp.zeros((samples, 3, height, width), dtype), camera, region)
+        state = technique.init(frame)
+        with recorded_reads() as reads:
+            technique.step(state, frame, Motion(increment, increment))
+        unmoved = jnp.zeros((2, 2), dtype)
+        found = [unmoved if read is None else read.span() for read in reads]
+        # What is kept and not read through `at` stays where it is.
+        found += [unmoved] if jax.tree.leaves(state) else []
+        return jnp.stack(found) if found else jnp.zeros((0, 2, 2), dtype)
+
+    over_frames = jax.vmap(span, (0, None))
+    over_sessions = jax.vmap(over_frames, (0, 0))
+    return jax.vmap(over_sessions, (None, 1))(increments, origins)

@@ -1,5 +1,6 @@
 """Simulate one viewing session of a scene: `simulate`."""
 
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,15 +15,23 @@ from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.sources import Texture
+from ..metrics import STANDARD, AbstractMetric
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
 from .session import Result, differentiable_session, fastest_reading
 
 
-@partial(jax.jit, static_argnames=("warmup", "reading"))
-def _jitted_session(*arguments: Any, warmup: int, reading: Reading) -> Result:
-    return differentiable_session(warmup, reading)(*arguments)
+@partial(jax.jit, static_argnames=("warmup", "reading", "metrics"))
+def _jitted_session(
+    *arguments: Any,
+    warmup: int,
+    reading: Reading,
+    metrics: tuple[AbstractMetric, ...],
+) -> Result:
+    """`session` of one technique, compiled."""
+    (found,) = differentiable_session(warmup, reading, metrics)(*arguments)
+    return found
 
 
 def simulate(
@@ -34,6 +43,7 @@ def simulate(
     warmup: int = 0,
     region: Region | None = None,
     reading: Reading | None = None,
+    metrics: Sequence[AbstractMetric] = STANDARD,
 ) -> Result:
     """Simulate one viewing session and measure its flicker and its detail loss.
 
@@ -51,11 +61,13 @@ def simulate(
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.
     - `reading`: how pictures are read; None is the fastest exact way on this device.
+    - `metrics`: what is measured.
 
     **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin, a
     pose is no unit quaternion, or a number of camera or technique is out of its range.
 
-    **Errors:** `ValueError` for a warm-up that leaves fewer than 2 frames, for poses
+    **Errors:** `ValueError` for a technique that needs what the scene does not give,
+    for a warm-up that leaves fewer than 2 frames, for poses
     that are not unit quaternions, and for a head that leaves the texture's margin.
 
     **Accuracy:** differentiable in poses, camera and technique; at rest MTCD and its
@@ -75,6 +87,7 @@ def simulate(
     dtype = motion.offset.dtype
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     check_texture(texture, camera, region)
+    check_gives(texture.gives, "this scene", technique)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
     stored = texture.color_texels.dtype
@@ -85,13 +98,26 @@ def simulate(
     return _jitted_session(
         texture,
         camera,
-        technique.on_pictures(),
+        (technique.on_pictures(),),
         motion,
         region,
         region,
         warmup=warmup,
         reading=fastest_reading() if reading is None else reading,
+        metrics=tuple(metrics),
     )
+
+
+def check_gives(
+    gives: Collection[str], scene: str, technique: AbstractTechnique
+) -> None:
+    """Raise unless a scene gives all channels that a technique needs."""
+    lacking = sorted(technique.needs - set(gives))
+    if lacking:
+        raise ValueError(
+            f"{technique.id} needs {', '.join(lacking)}, which {scene} does not give: "
+            f"it gives {', '.join(sorted(gives))}."
+        )
 
 
 def check_texture(texture: Texture, camera: Camera, region: Region) -> None:

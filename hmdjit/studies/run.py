@@ -4,68 +4,46 @@ Sessions run in batches; a batch is the sessions of one dispatch and one file. F
 batches are kept, so an interrupted study goes on where it stopped.
 """
 
+import functools
 import json
 import os
-import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from .. import camera as pinhole
-from .._files import written_atomically
-from .._version import __version__
-from ..camera import Camera
 from ..frames.sources import Texture
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
-from ..simulation.session import Result
 from ..simulation.sharding import placed
-from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from ..theory.control_variates import Controls, control_of
+from .dataset import gathered, write_dataset
+from .definition import StudyDefinition
 from .failures import Failures
+from .identity import MODEL_VERSION, attributes
 from .measured_blocks import Tiles
 from .progress import Progress
 from .runner import Runner
-from .sampler import CHUNK, PATH_TILES, PILOT_START, Sampler
+from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
 from .sessions import Batch, Sessions
 from .store import Store, fingerprint
-from .study import Study
 
 if TYPE_CHECKING:
     import xarray
-
-MODEL_VERSION = "5"
-"""Which numbers a study gives; changing any default that moves them changes this."""
 
 _PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
-def _sessions(study: Study, seed: int, count: int) -> Sessions:
+def _sessions(study: StudyDefinition, seed: int, count: int) -> Sessions:
     length = study.warmup + study.frames
     return Sessions(seed, study.head, study.display, study.measure, count, length)
-
-
-def _runner(study: Study, batch_size: int) -> Runner:
-    # The pilot's sessions are always the same ones, so that no session's result depends
-    # on which others are run with it.
-    pilot = _sessions(study, 0, _PILOT_SESSIONS)
-    return Runner(
-        study.display,
-        study.measure,
-        study.techniques,
-        study.warmup,
-        batch_size,
-        pilot.batch(0, pilot.count),
-    )
 
 
 class Run:
@@ -73,7 +51,7 @@ class Run:
 
     def __init__(
         self,
-        study: Study,
+        study: StudyDefinition,
         seed: int,
         out: str | os.PathLike | None,
         batch_size: int,
@@ -86,238 +64,194 @@ class Run:
         self.failures = Failures(omit_failed, float(study.margin_deg), self.out)
         self.sessions = _sessions(study, seed, study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
-        self.runner = _runner(study, self.batch_size)
         self.store = Store(self.out)
-        self.scene_key = ""  # of the scene that is being run
-        # Techniques that show the same on pictures share a run: their places, by run.
-        self.runs: dict[str, tuple[AbstractTechnique, list[int]]] = {}
+        # Techniques that show the same on pictures are one: their places, by key.
+        self.techniques: dict[str, AbstractTechnique] = {}
+        self.places: dict[str, list[int]] = {}
         for place, technique in enumerate(study.techniques):
-            run = technique.on_pictures()
-            self.runs.setdefault(fingerprint(run), (run, []))[1].append(place)
-        shape = (len(study.techniques), len(study.scenes), self.sessions.count)
-        self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
-        self.ran = np.zeros(shape, bool)
-        self.wide = np.zeros(self.sessions.count, bool)
-        self.rotation_deg = np.zeros(self.sessions.count)
+            technique = technique.on_pictures()
+            key = fingerprint(technique)
+            self.techniques.setdefault(key, technique)
+            self.places.setdefault(key, []).append(place)
+        # The pilot's sessions are always the same ones, so that no session's result
+        # depends on which others are run with it.
+        pilot = _sessions(study, 0, _PILOT_SESSIONS)
+        self.runner = Runner(
+            study.display,
+            study.measure,
+            list(self.techniques.values()),
+            study.warmup,
+            self.batch_size,
+            pilot.batch(0, pilot.count),
+            metrics=study.metrics,
+        )
         self.identity = fingerprint(
             [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
             [study.display, study.head, study.frames, study.warmup, study.measure],
-            [study.oversampling, float(study.margin_deg)],
+            [study.oversampling, float(study.margin_deg), study.metrics],
         )
 
     def dataset(self) -> "xarray.Dataset":
         """Run what is missing and gather everything."""
-        starts = range(0, self.sessions.count, self.batch_size)
+        study, count = self.study, self.sessions.count
+        measured, ran = self._nothing(count)
         done = fresh = 0
-        for s, (name, scene) in enumerate(self.study.scenes.items()):
+
+        def tell(doing: str) -> None:
+            self.tell(Progress(done, ran.size, doing, fresh))
+
+        for s, (name, scene) in enumerate(study.scenes.items()):
+            tell(name)
             scene_key = fingerprint(scene)
-            texture = None
-            for start in starts:
+            texture = functools.cache(functools.partial(self._bake, scene))
+            for start in range(0, count, self.batch_size):
                 batch = self.sessions.batch(start, self.batch_size)
                 here = slice(start, start + batch.size)
-                for technique, places in self.runs.values():
-                    file = f"{technique.id}-{name}-{start}"
-                    key = fingerprint(
-                        self.identity, scene_key, technique, start, batch.size
-                    )
-                    result = self.store.find(file, key)
-                    if result is None:
-                        if texture is None:
-                            self._say(f"baking {name}", done, fresh)
-                            texture = placed(self._bake(scene))
-                        self._say(f"{name}: {technique.id}", done, fresh)
-                        result = self.runner.run(technique, texture, batch)
-                        self.store.keep(file, key, result)
-                        fresh += batch.size * len(places)
-                    self.mtcd[places, s, here] = result.mtcd
-                    self.detail_loss[places, s, here] = result.detail_loss
-                    self.ran[places, s, here] = True
-                    done += batch.size * len(places)
-                    self._say(f"{name}: {technique.id}", done, fresh)
-                count, ran = self.sessions.count, int(self.ran.any(axis=(0, 1)).sum())
-                words = "sessions" if ran == count else f"sessions ({ran} run so far)"
-                self.failures.check(self._failed(), count, words)
-                if s == 0:
-                    self._describe(batch, here)
-        return self._gather()
+                found, new = self._measured(name, scene_key, texture, batch, kept=True)
+                for run, places in enumerate(self.places.values()):
+                    measured[:, places, s, here] = found[:, run, None]
+                ran[:, s, here] = True
+                done += batch.size * len(study.techniques)
+                fresh += batch.size * new
+                tell(name)
+                self._check(measured, ran)
+        return self._gathered(measured, ran)
 
     def until(self, goal: Goal) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
         study, camera = self.study, self.study.display
         begun = time.perf_counter()
-        runs = [technique for technique, _ in self.runs.values()]
-        places = [places for _, places in self.runs.values()]
+        runs, places = list(self.techniques.values()), list(self.places.values())
         baseline = [t.id for t in study.techniques].index(study.baseline)
         length = study.warmup + study.frames
         paths = controls = None
         if isinstance(study.measure, Tiles):
             side = study.measure.size_px
-            known = {fingerprint(c): c for c in map(control_of, runs)}
-            controls = Controls(
-                list(known.values()), camera, study.warmup, side, self.runner.mesh
-            )
+            models = {fingerprint(model): model for model in map(control_of, runs)}
+            controls = Controls(list(models.values()), camera, study.warmup, side)
             cells = (camera.width_px // side) * (camera.height_px // side)
             several = Tiles(min(PATH_TILES, cells), side)
             paths = Sessions(self.seed, study.head, camera, several, _ENDLESS, length)
-        sampler = Sampler(
-            runs,
-            _sessions(study, self.seed, _ENDLESS),
-            paths,
-            controls,
-            self._simulated,
-            lambda done, total, doing, line: self.tell(
-                Progress(done, total, doing, 0, line)
-            ),
-        )
+        keys = {name: fingerprint(scene) for name, scene in study.scenes.items()}
+
+        def simulate(name: str, texture: Texture, batch: Batch) -> Measured:
+            # The pilot is timed, so it is always run.
+            kept = batch.start < PILOT_START
+            found, _ = self._measured(
+                name, keys[name], lambda: texture, batch, kept=kept
+            )
+            return found
+
+        endless = _sessions(study, self.seed, _ENDLESS)
+        sampler = Sampler(runs, endless, paths, controls, simulate, self.tell)
         base = next(run for run, mine in enumerate(places) if baseline in mine)
-        until = Until(goal, sampler, base, self.failures)
+        until = Until(goal, sampler, base, len(study.metrics), self.failures)
         found, plans = [], []
         for s, (name, scene) in enumerate(study.scenes.items()):
             start = time.perf_counter()
             left = begun + (goal.budget_s or 0.0) - start
-            self.scene_key = fingerprint(scene)
             self.tell(Progress(0, 1, f"baking {name}", 0))
-            texture = placed(self._bake(scene))
             share = start + left / (len(study.scenes) - s)
-            cell, plan = until.scene(name, texture, start, share)
+            cell, plan = until.scene(name, self._bake(scene), start, share)
             found.append(cell)
             plans.append(plan)
-        count = max(cell.simulated.shape[1] for cell in found)
+        count = max(cell.measured.shape[-1] for cell in found)
         self.sessions = _sessions(study, self.seed, count)
-        shape = (len(study.techniques), len(study.scenes), count)
-        self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
-        self.ran = np.zeros(shape, bool)
-        self.wide, self.rotation_deg = np.zeros(count, bool), np.zeros(count)
+        measured, ran = self._nothing(count)
         for s, cell in enumerate(found):
-            size = cell.simulated.shape[1]
+            size = cell.measured.shape[-1]
             for run, mine in enumerate(places):
-                self.mtcd[mine, s, :size] = cell.simulated[run]
-                self.detail_loss[mine, s, :size] = cell.detail_loss[run]
-                self.ran[mine, s, :size] = cell.was_run()[run]
-        for start in range(0, count, CHUNK):
-            batch = self.sessions.batch(start, CHUNK)
-            self._describe(batch, slice(start, start + batch.size))
-        self.failures.check(self._failed(), count)
-        return self._gather(with_controls(found, plans, goal, places, shape))
+                measured[:, mine, s, :size] = cell.measured[:, run, None]
+                ran[mine, s, :size] = cell.was_run()[run]
+        self._check(measured, ran)
+        shape = measured.shape[1:]
+        return self._gathered(
+            measured, ran, with_controls(found, plans, goal, places, shape)
+        )
 
-    def _simulated(
-        self, name: str, run: AbstractTechnique, texture: Texture, batch: Batch
-    ) -> Result:
-        key = fingerprint(self.identity, self.scene_key, run, batch.start, batch.size)
-        file = f"{run.id}-{name}-{batch.start}"
-        result = self.store.find(file, key)
-        if result is None:
-            result = self.runner.run(run, texture, batch)
-            if batch.start < PILOT_START:  # the pilot is timed, so it is always run
-                self.store.keep(file, key, result)
-        return result
+    def _nothing(
+        self, count: int
+    ) -> tuple[
+        Float[np.ndarray, "metric technique scene session"],
+        Bool[np.ndarray, "technique scene session"],
+    ]:
+        """No value yet of any metric, and no session that was run."""
+        shape = (len(self.study.techniques), len(self.study.scenes), count)
+        return np.full((len(self.study.metrics), *shape), np.nan), np.zeros(shape, bool)
 
-    def _say(self, doing: str, done: int, fresh: int) -> None:
-        self.tell(Progress(done, self.mtcd.size, doing, fresh))
+    def _measured(
+        self,
+        name: str,
+        scene_key: str,
+        texture: Callable[[], Texture],
+        batch: Batch,
+        *,
+        kept: bool,
+    ) -> tuple[Measured, int]:
+        """Measure a batch, or find it; and how many techniques were measured anew."""
+        key = fingerprint(self.identity, scene_key, batch.start, batch.size)
+        file = f"{name}-{batch.start}"
+        found = self.store.find(file, key) if kept else {}
+        missing = [key for key in self.techniques if key not in found]
+        if missing:
+            run = [self.techniques[key] for key in missing]
+            results = self.runner.run(run, texture(), batch)
+            new = dict(zip(missing, results, strict=True))
+            if kept:
+                self.store.keep(file, key, new)
+            found |= new
+        values = [
+            [found[key].metrics[metric.id] for key in self.techniques]
+            for metric in self.study.metrics
+        ]
+        return np.asarray(values, float), sum(len(self.places[k]) for k in missing)
 
     def _bake(self, scene: AbstractScene) -> Texture:
-        return bake(
-            scene,
-            self.study.display,
-            oversampling=self.study.oversampling,
-            margin_deg=self.study.margin_deg,
+        return placed(
+            bake(
+                scene,
+                self.study.display,
+                oversampling=self.study.oversampling,
+                margin_deg=self.study.margin_deg,
+            )
         )
 
-    def _describe(self, batch: Batch, here: slice) -> None:
-        for technique, _ in self.runs.values():
-            self.wide[here] |= self.runner.is_wide(technique, batch)
-        turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
-        self.rotation_deg[here] = np.sqrt(np.mean(np.sum(turn**2, axis=-1), axis=-1))
+    def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:
+        """Stop if too many sessions failed so far."""
+        count, done = ran.shape[-1], int(ran.any(axis=(0, 1)).sum())
+        words = "sessions" if done == count else f"sessions ({done} run so far)"
+        self.failures.check(self._failed(measured, ran), count, words)
 
-    def _failed(self) -> list[int]:
-        """Sessions that were run and gave a non-finite number anywhere."""
-        is_bad = self.ran & ~np.isfinite(self.mtcd + self.detail_loss)
+    def _failed(self, measured: np.ndarray, ran: np.ndarray) -> list[int]:
+        """Sessions that were run and gave a number that is not finite anywhere."""
+        is_bad = ran & ~np.isfinite(measured).all(axis=0)
         return [int(i) for i in np.flatnonzero(is_bad.any(axis=(0, 1)))]
 
-    def _gather(self, controls: Mapping | None = None) -> "xarray.Dataset":
-        import xarray
-
-        study, camera = self.study, self.study.display
-        dims = ("technique", "scene", "session")
-        code = {"units": "code values of 255"}
-        dataset = xarray.Dataset(
-            {
-                "mtcd": (dims, self.mtcd, code),
-                "detail_loss": (dims, self.detail_loss, {"units": "code values^2"}),
-                "rotation_deg": (
-                    "session",
-                    self.rotation_deg,
-                    {"units": "deg", "long_name": "RMS rotation per frame"},
-                ),
-            },
-            {
-                "technique": [technique.id for technique in study.techniques],
-                "scene": list(study.scenes),
-                "session": np.arange(self.sessions.count),
-            },
-            self._attributes(camera),
+    def _gathered(
+        self, measured: np.ndarray, ran: np.ndarray, controls: Any = None
+    ) -> "xarray.Dataset":
+        count = self.sessions.count
+        rotation_deg, wide = np.zeros(count), 0
+        techniques = list(self.techniques.values())
+        for start in range(0, count, CHUNK):
+            batch = self.sessions.batch(start, CHUNK)
+            wide += int(self.runner.is_wide(techniques, batch).sum())
+            turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
+            square = np.mean(np.sum(turn**2, axis=-1), axis=-1)
+            rotation_deg[start : start + batch.size] = np.sqrt(square)
+        known = attributes(
+            self.study, self.seed, fingerprint(self.identity, self.study)
         )
-        if self.sessions.subjects is not None:
-            dataset = dataset.assign_coords(subject=("session", self.sessions.subjects))
+        how = {
+            "failed_sessions": json.dumps(self._failed(measured, ran)),
+            "omit_failed": int(self.failures.omit),
+            "wide_halo_sessions": wide,
+        }
+        subjects = self.sessions.subjects
+        dataset = gathered(self.study, measured, rotation_deg, subjects, known | how)
         if controls is not None:
-            dataset = dataset.assign(controls["variables"]).assign_attrs(
-                controls["attributes"]
-            )
+            dataset = dataset.assign(controls["variables"])
+            dataset = dataset.assign_attrs(controls["attributes"])
         if self.out is not None:
             write_dataset(dataset, self.out / "result.nc")
         return dataset
-
-    def _attributes(self, camera: Camera) -> dict:
-        study = self.study
-        centre = np.array([camera.width_px, camera.height_px], np.float32) / 2
-        side = centre * np.array([2, 1], np.float32)
-        return {
-            "title": "MTCD and detail loss of simulated viewing sessions",
-            "hmdjit_version": __version__,
-            "model_version": MODEL_VERSION,
-            "config_hash": fingerprint(self.identity, study),
-            "seed": self.seed,
-            "baseline": study.baseline,
-            "reference": SSAA().id,
-            "frames": study.frames,
-            "warmup": study.warmup,
-            "measure": str(study.measure),
-            "head": str(study.head),
-            "width_px": camera.width_px,
-            "height_px": camera.height_px,
-            "fov_deg": float(camera.fov_deg),
-            "refresh_hz": float(camera.refresh_hz),
-            "px_per_deg_centre": _yaw_px_per_deg(camera, centre),
-            "px_per_deg_side": _yaw_px_per_deg(camera, side),
-            "px_per_deg_mean": mean_px_per_deg(camera),
-            "oversampling": study.oversampling,
-            "margin_deg": float(study.margin_deg),
-            "dtype": "float32",
-            "device": f"{len(jax.devices())} x {jax.devices()[0].device_kind}",
-            "machine": platform.machine(),
-            "python_version": platform.python_version(),
-            "jax_version": jax.__version__,
-            "numpy_version": np.__version__,
-            "failed_sessions": json.dumps(self._failed()),
-            "omit_failed": int(self.failures.omit),
-            "wide_halo_sessions": int(self.wide.sum()),
-        }
-
-
-def _yaw_px_per_deg(camera: Camera, position_px: Float[np.ndarray, "2"]) -> float:
-    return float(pinhole.px_per_deg(camera, jnp.asarray(position_px))[0])
-
-
-def mean_px_per_deg(camera: Camera) -> float:
-    """Picture motion per degree of yaw or pitch, averaged over the camera frame."""
-    x = (np.arange(64) + 0.5) / 64 * camera.width_px
-    y = (np.arange(64) + 0.5) / 64 * camera.height_px
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float32)
-    speeds = jax.vmap(lambda p: pinhole.px_per_deg(camera, p))(jnp.asarray(grid))
-    return float(jnp.mean(speeds))
-
-
-def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:
-    """Write a dataset as NetCDF 4, whole or not at all."""
-    with written_atomically(path) as unfinished:
-        dataset.to_netcdf(unfinished, engine="h5netcdf")

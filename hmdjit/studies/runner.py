@@ -2,28 +2,28 @@
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Int
 
-from .. import camera_bounds
 from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
-from ..frames.sources import Texture
-from ..simulation.halo import required_halo_px
+from ..frames.sources import AbstractSource
+from ..metrics import STANDARD, AbstractMetric
+from ..simulation.halo import needed_halo_px
 from ..simulation.session import Result, fastest_reading, session
-from ..simulation.sharding import mesh, over_devices, program
+from ..simulation.sharding import over_sessions
 from ..techniques.base import AbstractTechnique
+from ..techniques.check import check_hints
 from .measured_blocks import Measurement
 from .sessions import Batch
 from .store import fingerprint
 
-_NEAR_PX = 32  # how far around a block its displacements are bounded
+Techniques = Sequence[AbstractTechnique]
 
 
 class Runner:
@@ -33,104 +33,97 @@ class Runner:
         self,
         camera: Camera,
         measure: Measurement,
-        techniques: Sequence[AbstractTechnique],
+        techniques: Techniques,
         warmup: int,
         batch_size: int,
         pilot: Batch,
         reading: Reading | None = None,
+        metrics: Sequence[AbstractMetric] = STANDARD,
     ):
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
+        self.metrics = tuple(metrics)
         self.block = measure.block_size(camera)
-        self.mesh = mesh()
         self._usual_halo: dict[str, int] = {}
-        for technique in (t.on_pictures() for t in techniques):
+        for technique in techniques:
+            check_hints(technique)
             need = int(np.max(self._needed_halo(technique, pilot)))
             self._usual_halo[fingerprint(technique)] = -(-need // 4) * 4
 
     def run(
-        self, technique: AbstractTechnique, texture: Texture, batch: Batch
-    ) -> Result:
-        """Measure a batch, as NumPy arrays, `(sessions,)`."""
-        halo = self.halo(technique, batch)
-        usual = self._usual_halo[fingerprint(technique)]
-        # Everyone runs with the usual halo, to compile once per technique; the few
-        # that need a wider one run again, eight at a time.
-        result = self._dispatch(
-            technique, texture, batch, usual, self.batch_size, self.reading
+        self, techniques: Techniques, source: AbstractSource, batch: Batch
+    ) -> list[Result]:
+        """Measure a batch with some of the techniques, as NumPy arrays, `(sessions,)`.
+
+        They share each session's frames, so several at once cost little more than one.
+        """
+        halo = self.halo(techniques, batch)
+        usual = self._usual(techniques)
+        # Everyone runs with the usual halo, to compile once per set of techniques; the
+        # few that need a wider one run again, eight at a time.
+        found = self._dispatch(
+            techniques, source, batch, usual, self.batch_size, self.reading
         )
-        mtcd, loss = np.array(result.mtcd), np.array(result.detail_loss)
         for width in np.unique(halo[halo > usual]):
             chosen = np.flatnonzero(halo == width)
             wide = batch.select(chosen)
             # Gathers are slower, but compile faster, and few need them.
             gathers = dataclasses.replace(self.reading, sampler="gather")
             reading = gathers if self.reading.sampler == "slices" else self.reading
-            result = self._dispatch(technique, texture, wide, int(width), 8, reading)
-            mtcd[chosen], loss[chosen] = result.mtcd, result.detail_loss
-        return Result(mtcd, loss)
+            wider = self._dispatch(techniques, source, wide, int(width), 8, reading)
+            for values, again in zip(
+                jax.tree.leaves(found), jax.tree.leaves(wider), strict=True
+            ):
+                values[chosen] = again
+        return list(found)
 
     def halo(
-        self, technique: AbstractTechnique, batch: Batch
+        self, techniques: Techniques, batch: Batch
     ) -> Int[np.ndarray, " sessions"]:
         """Halo of each session, px: the usual one, doubled until it suffices."""
-        need = self._needed_halo(technique, batch)
-        halo = np.full(batch.size, self._usual_halo[fingerprint(technique)])
+        need = np.max([self._needed_halo(t, batch) for t in techniques], axis=0)
+        halo = np.full(batch.size, self._usual(techniques))
         while (short := halo < need).any():
             halo[short] = np.maximum(2 * halo[short], 4)
         return halo
 
-    def is_wide(self, technique: AbstractTechnique, batch: Batch) -> np.ndarray:
+    def is_wide(
+        self, techniques: Techniques, batch: Batch
+    ) -> Bool[np.ndarray, " sessions"]:
         """Which sessions of a batch need more than the usual halo."""
-        usual = self._usual_halo[fingerprint(technique)]
-        return self.halo(technique, batch) > usual
+        return self.halo(techniques, batch) > self._usual(techniques)
+
+    def _usual(self, techniques: Techniques) -> int:
+        return max(self._usual_halo[fingerprint(technique)] for technique in techniques)
 
     def _needed_halo(
         self, technique: AbstractTechnique, batch: Batch
     ) -> Int[np.ndarray, " sessions"]:
-        frame = (self.camera.width_px, self.camera.height_px)
-        speed = np.linalg.norm(np.asarray(batch.motion.increment), axis=-1)
-        speed_deg_s = np.degrees(speed) * float(self.camera.refresh_hz)
-
-        def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
-            span = partial(_motion_span, self.camera, batch, self.block, around_px)
-            reach = technique.history_reach(speed_deg_s, span)
-            none = np.zeros(batch.size, int)
-            needed = none if reach is None else required_halo_px(reach)
-            return needed + technique.stencil_radius_px
-
-        if self.block == frame:
-            return np.zeros(batch.size, int)
-        needed = halo(_NEAR_PX)
-        if np.any(needed > _NEAR_PX):
-            # So wide a halo reaches pixels that may move faster: bound the whole frame.
-            needed = np.where(needed > _NEAR_PX, halo(max(frame)), needed)
-        return needed
+        return needed_halo_px(
+            technique, self.camera, batch.motion, batch.origins, self.block
+        )
 
     def _dispatch(
         self,
-        technique: AbstractTechnique,
-        texture: Texture,
+        techniques: Techniques,
+        source: AbstractSource,
         batch: Batch,
         halo: int,
         multiple: int,
         reading: Reading,
-    ) -> Result:
+    ) -> tuple[Result, ...]:
         padded = -(-batch.size // multiple) * multiple
         filled = batch.select(np.resize(np.arange(batch.size), padded))
-        result = _measure(
-            texture,
-            self.camera,
-            technique,
-            filled.motion,
-            filled.origins,
-            mesh=self.mesh,
+        found = over_sessions(
+            one_session,
+            _Shared(source, self.camera, tuple(techniques), self.metrics),
+            (filled.motion, filled.origins),
             block=self.block,
             halo=halo,
             warmup=self.warmup,
             reading=reading,
         )
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[: batch.size], result)
+        return jax.tree.map(lambda leaf: np.array(leaf)[: batch.size], found)
 
 
 def regions(
@@ -146,88 +139,35 @@ def regions(
     return Region(left, top, width, height), Region(x0, y0, *block)
 
 
-@program("mesh", "block", "halo", "warmup", "reading")
-def _measure(
-    texture: Texture,
-    camera: Camera,
-    technique: AbstractTechnique,
-    motion: Motion,
-    origins: Int[Array, "sessions blocks 2"],
+class _Shared(NamedTuple):
+    source: AbstractSource
+    camera: Camera
+    techniques: tuple[AbstractTechnique, ...]
+    metrics: tuple[AbstractMetric, ...]
+
+
+def one_session(
+    shared: _Shared,
+    mine: tuple[Motion, Int[Array, "blocks 2"]],
     *,
-    mesh: Mesh,
     block: tuple[int, int],
     halo: int,
     warmup: int,
     reading: Reading,
-) -> Result:
-    """Measure sessions: mapped one by one, the mean over their blocks each."""
+) -> tuple[Result, ...]:
+    """Measure a session: the mean over its blocks of each metric of each technique."""
+    motion, origins = mine
 
-    def one_session(shared: tuple, mine: tuple) -> Result:
-        texture, camera, technique = shared
-        motion, origins = mine
-
-        def one_block(origin: Int[Array, "2"]) -> Result:
-            region, measured = regions(camera, origin, block, halo)
-            return session(
-                texture,
-                camera,
-                technique,
-                motion,
-                region,
-                measured,
-                warmup=warmup,
-                reading=reading,
-            )
-
-        return jax.tree.map(jnp.mean, jax.lax.map(one_block, origins))
-
-    return over_devices(
-        one_session, (texture, camera, technique), (motion, origins), mesh
-    )
-
-
-@partial(jax.jit, static_argnames=("block", "around_px"))
-def _spans(
-    camera: Camera,
-    increments: Float[Array, "sessions frames 3"],
-    origins: Int[Array, "sessions blocks 2"],
-    block: tuple[int, int],
-    around_px: int,
-) -> Float[Array, "blocks sessions frames 2 2"]:
-    width = min(block[0] + 2 * around_px, camera.width_px)
-    height = min(block[1] + 2 * around_px, camera.height_px)
-
-    def span(increment: Array, origin: Array) -> Array:
-        # Clipped to the frame, as a region is; its place there does not narrow it.
-        x0, y0 = origin - around_px
-        left = jnp.clip(x0, 0, camera.width_px - width)
-        top = jnp.clip(y0, 0, camera.height_px - height)
-        region = Region(left, top, width, height)
-        return camera_bounds.displacement_range(camera, region, increment)
-
-    over_frames = jax.vmap(span, (0, None))
-    over_sessions = jax.vmap(over_frames, (0, 0))
-    return jax.vmap(over_sessions, (None, 1))(increments, origins)
-
-
-def _motion_span(
-    camera: Camera,
-    batch: Batch,
-    block: tuple[int, int],
-    around_px: int,
-    share: float,
-) -> Float[np.ndarray, "sessions frames 2 2"]:
-    """Range of displacements of a session's blocks by a share of each increment, px."""
-    # Filled up to a round number, to compile once for batches and the last of them.
-    filled = batch.select(np.resize(np.arange(batch.size), -(-batch.size // 64) * 64))
-    spans = np.asarray(
-        _spans(
-            camera,
-            share * filled.motion.increment,
-            filled.origins,
-            block,
-            around_px=around_px,
+    def one_block(origin: Int[Array, "2"]) -> tuple[Result, ...]:
+        return session(
+            shared.source,
+            shared.camera,
+            shared.techniques,
+            motion,
+            *regions(shared.camera, origin, block, halo),
+            warmup=warmup,
+            reading=reading,
+            metrics=shared.metrics,
         )
-    )[:, : batch.size]
-    low, high = spans[..., 0, :].min(axis=0), spans[..., 1, :].max(axis=0)
-    return np.stack([low, high], axis=-2)
+
+    return jax.tree.map(jnp.mean, jax.lax.map(one_block, origins))

@@ -1,8 +1,8 @@
 """Studies that run until they are sure enough, or until the time is up.
 
 For each scene a pilot of a few sessions decides the estimator and how many sessions it
-will need; these are run, then looked at. Should they not do, half as many again are
-added until they do: see `estimators.level_of_look` for why looking again is allowed.
+will need; these are run, then analysed. Should they not do, half as many again are
+added until they do: see `planning.interim_level` for why interim analyses are allowed.
 Pilot, simulated sessions and predicted paths are three ranges of session numbers, so
 that the three samples are independent, and sessions are the same for all scenes.
 """
@@ -14,22 +14,17 @@ import time
 
 import numpy as np
 
-from ..estimates.estimate import (
-    FLOOR_MTCD,
-    Estimate,
-    Need,
-    level_of_look,
-    ratio,
-    sessions_needed,
-)
-from ..estimates.intervals import MIN_BASELINE_MTCD, Z95
+from ..estimates.cells import Cell
+from ..estimates.estimate import MIN_BASELINE_MTCD, Estimate, ratio
+from ..estimates.intervals import Z95
+from ..estimates.planning import FLOOR_MTCD, Need, interim_level, sessions_needed
 from ..frames.sources import Texture
 from .failures import Failures
+from .progress import Progress
 from .sampler import (
     LEAST_SESSIONS,
     PILOT_SESSIONS,
     PILOT_START,
-    Cell,
     Sampler,
     SceneSampler,
 )
@@ -85,12 +80,20 @@ class Until:
     """Runs the scenes of a study, each until its goal is reached.
 
     - `baseline`: which of the sampler's runs ratios refer to.
+    - `metrics`: how many the study has; goals are of the first.
     - `failures`: what to do about sessions that fail.
     """
 
-    def __init__(self, goal: Goal, sampler: Sampler, baseline: int, failures: Failures):
+    def __init__(
+        self,
+        goal: Goal,
+        sampler: Sampler,
+        baseline: int,
+        metrics: int,
+        failures: Failures,
+    ):
         self._goal, self._sampler, self._baseline = goal, sampler, baseline
-        self._failures = failures
+        self._metrics, self._failures = metrics, failures
 
     def scene(
         self, name: str, texture: Texture, begun: float, deadline: float
@@ -102,7 +105,7 @@ class Until:
         """
         sampler, statistics = self._sampler, None
         if sampler.controls is not None:
-            sampler.tell(0, 1, f"{name}: statistics", "")
+            sampler.tell(Progress(0, 1, f"{name}: statistics", 0))
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, own_share = self._plan(name, measure)
@@ -120,10 +123,10 @@ class Until:
                 paths=int(plan.paths * scale),
                 seconds=left,
             )
-        self._sampler.tell(0, plan.sessions, name, str(plan))
-        cell = Cell.empty(len(self._sampler.runs))
+        sampler.tell(Progress(0, plan.sessions, name, 0, str(plan)))
+        cell = Cell.plain(np.zeros((self._metrics, len(sampler.runs), 0)))
         cell.slope, cell.own_share = slope, own_share
-        sessions, paths, look = plan.sessions, plan.paths, 0
+        sessions, paths, analysis = plan.sessions, plan.paths, 0
         while True:
             until = deadline if self._goal.budget_s is not None else math.inf
             # However short a budget is, so much is run: less would say nothing.
@@ -133,14 +136,14 @@ class Until:
             failed = cell.has_failed()
             words = f"sessions of {name}"
             self._failures.check(np.flatnonzero(failed).tolist(), failed.size, words)
-            look += 1
-            if self._goal.budget_s is not None or self._is_reached(cell, look):
+            analysis += 1
+            if self._goal.budget_s is not None or self._is_reached(cell, analysis):
                 break
             sessions, paths = math.ceil(GROWTH * sessions), math.ceil(GROWTH * paths)
             if sessions > MOST_SESSIONS:
                 break
         spent = time.perf_counter() - begun
-        return cell, dataclasses.replace(plan, looks=look, spent_s=spent)
+        return cell, dataclasses.replace(plan, looks=analysis, spent_s=spent)
 
     def estimates(self, cell: Cell) -> list[tuple[Estimate, float]]:
         """Means and ratios of a scene, each with the smallest error asked of it."""
@@ -150,12 +153,12 @@ class Until:
         found = [(mean, FLOOR_MTCD) for mean in means]
         for run, mean in enumerate(means):
             paired = ratio(mean, base)
-            if run != self._baseline and paired is not None:
+            if run != self._baseline and not paired.reason:
                 found.append((paired, FLOOR_MTCD / base.value))
         return found
 
-    def _is_reached(self, cell: Cell, look: int) -> bool:
-        z = level_of_look(look)
+    def _is_reached(self, cell: Cell, analysis: int) -> bool:
+        z = interim_level(analysis)
         return all(
             z * estimate.standard_error <= self._goal.error(estimate.value, floor)
             for estimate, floor in self.estimates(cell)
@@ -165,11 +168,11 @@ class Until:
         self, name: str, measure: SceneSampler
     ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
-        self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
-        simulated, predicted, seconds_each = measure.pilot()
+        self._sampler.tell(Progress(0, PILOT_SESSIONS, f"{name}: pilot", 0))
+        (simulated, *_), predicted, session_seconds = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
         words = f"sessions of {name}'s pilot"
-        # It enters no mean: where failures may be left out, the looks judge them.
+        # It enters no mean: where failures may be left out, the analyses judge them.
         if not self._failures.omit or np.sum(good) < 2:
             # Of the pilot no batch is kept.
             failures = dataclasses.replace(self._failures, kept_in=None)
@@ -185,14 +188,13 @@ class Until:
         # What neither varies nor should has shown all, as a frozen picture.
         is_still = (np.ptp(simulated, axis=1) == 0) & (np.ptp(tiles, axis=(1, 2)) == 0)
         measure.close(is_still)
-        session_seconds = float(seconds_each[~is_still].sum())
         # The tiles of a path are drawn apart: what they have in common is its own.
         common = [np.cov(t[:, 0], t[:, -1])[0, 1] for t in tiles]
         spread = predicted.var(axis=1, ddof=1)
         own_share = np.where(
             spread > 0, common / np.where(spread > 0, spread, 1), np.nan
         )
-        z = Z95 if self._goal.budget_s is not None else level_of_look(1)
+        z = Z95 if self._goal.budget_s is not None else interim_level(1)
         choices = []
         for kind, b in (
             ("simulation", np.zeros_like(slope)),
@@ -264,7 +266,7 @@ def with_controls(
     code = {"units": "code values of 255"}
     variables = {
         "predicted": ((*cell_dims, "session"), predicted, code),
-        "predicted_elsewhere": ((*cell_dims, "path"), paths, code),
+        "predicted_extra_paths": ((*cell_dims, "extra_path"), paths, code),
         "slope": (cell_dims, slope),
         "own_share": (cell_dims, own_share),
         "count": (cell_dims, count),

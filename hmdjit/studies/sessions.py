@@ -17,35 +17,24 @@ from ..camera import Camera
 from ..frames.motion import Motion
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
-from ..simulation.sharding import mesh, over_devices
+from ..simulation.sharding import over_sessions
 from .measured_blocks import Measurement
 
 Head = HeadMotion | Replay
 
 
-@eqx.filter_jit
-def _model_motion(
-    key: RandomKey,
-    head: HeadMotion,
-    sessions: Int[Array, " sessions"],
+def _drawn_path(
+    shared: tuple[RandomKey, HeadMotion],
+    session: Int[Array, ""],
+    *,
     rate_hz: float,
     frames: int,
     dtype: DTypeLike,
 ) -> Motion:
-    """Head paths of sessions, drawn from a model, `(sessions, frames, 3)`.
-
-    Sessions are mapped, not vectorised, so that a session's bits do not depend on which
-    others are drawn with it.
-    """
-    numbers, rest = eqx.partition(head, eqx.is_array)
-
-    def draw(shared: tuple, session: Int[Array, ""]) -> Motion:
-        key, numbers = shared
-        session_key = session_keys(key, session).head
-        mine = eqx.combine(numbers, rest)
-        return Motion.of(mine.sample(session_key, rate_hz, frames, dtype=dtype))
-
-    return over_devices(draw, (key, numbers), sessions, mesh())
+    """Head path of a session, drawn from a model, `(frames, 3)`."""
+    key, head = shared
+    session_key = session_keys(key, session).head
+    return Motion.of(head.sample(session_key, rate_hz, frames, dtype=dtype))
 
 
 @jax.jit
@@ -147,9 +136,15 @@ class Sessions:
         indices = jnp.arange(start, start + size, dtype=jnp.int32)
         origins = _blocks(self._key, self._measure, self._camera, indices)
         if isinstance(self._head, HeadMotion):
-            rate_hz = float(self._camera.refresh_hz)
-            motion = _model_motion(
-                self._key, self._head, indices, rate_hz, self._length, self._dtype
+            # Sessions are mapped, not vectorised, so that a session's bits do not
+            # depend on which others are drawn with it.
+            motion = over_sessions(
+                _drawn_path,
+                (self._key, self._head),
+                indices,
+                rate_hz=float(self._camera.refresh_hz),
+                frames=self._length,
+                dtype=self._dtype,
             )
         else:
             windows = np.arange(start, start + size) % self.count

@@ -6,6 +6,7 @@ again, or made longer, therefore finds what it has and computes only what it lac
 
 import contextlib
 import dataclasses
+import glob
 import hashlib
 import inspect
 import re
@@ -71,30 +72,52 @@ def _absorb(digest: Any, part: Any) -> None:
 
 
 class Store:
-    """Batches of a study; in a folder, or nowhere."""
+    """Batches of a study; in a folder, or nowhere.
+
+    A file holds what one dispatch measured, of one technique or several. A technique
+    that is added to a study later is measured alone, into a file of its own.
+    """
 
     def __init__(self, folder: Path | None):
         self._folder = None if folder is None else folder / "batches"
 
-    def find(self, name: str, key: str) -> Result | None:
-        """Return a finished batch, or None; an unreadable file counts as unfinished."""
+    def find(self, name: str, key: str) -> dict[str, Result]:
+        """Return what is known of a batch, by the techniques' fingerprints.
+
+        A file that cannot be read counts as unfinished.
+        """
+        found: dict[str, Result] = {}
         if self._folder is None:
-            return None
-        try:
-            with open(self._path(name, key), "rb") as raw, np.load(raw) as file:
-                return Result(file["mtcd"], file["detail_loss"])
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
-            return None
-
-    def keep(self, name: str, key: str, result: Result) -> None:
-        """Write a finished batch."""
-        if self._folder is not None:
+            return found
+        for path in sorted(self._folder.glob(f"{glob.escape(_stem(name, key))}-*.npz")):
             with (
-                written_atomically(self._path(name, key)) as unfinished,
-                open(unfinished, "wb") as file,
+                contextlib.suppress(
+                    OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile
+                ),
+                open(path, "rb") as raw,
+                np.load(raw) as file,
             ):
-                np.savez(file, mtcd=result.mtcd, detail_loss=result.detail_loss)
+                values: dict[str, dict[str, np.ndarray]] = {}
+                for entry in file.files:
+                    technique, metric = entry.split(".")
+                    values.setdefault(technique, {})[metric] = file[entry]
+                found |= {key: Result(metrics) for key, metrics in values.items()}
+        return found
 
-    def _path(self, name: str, key: str) -> Path:
-        assert self._folder is not None
-        return self._folder / f"{_UNNAMEABLE.sub('_', name)}-{key[:16]}.npz"
+    def keep(self, name: str, key: str, results: Mapping[str, Result]) -> None:
+        """Write what a dispatch measured, by the techniques' fingerprints."""
+        if self._folder is None:
+            return
+        values = {
+            f"{technique}.{metric}": np.asarray(value)
+            for technique, result in results.items()
+            for metric, value in result.metrics.items()
+        }
+        of_whom = fingerprint(sorted(results))[:8]
+        path = self._folder / f"{_stem(name, key)}-{of_whom}.npz"
+        with written_atomically(path) as unfinished, open(unfinished, "wb") as file:
+            np.savez(file, allow_pickle=False, **values)
+
+
+def _stem(name: str, key: str) -> str:
+    return f"{_UNNAMEABLE.sub('_', name)}-{key[:16]}"

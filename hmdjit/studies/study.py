@@ -1,35 +1,22 @@
-"""What a study is: scenes, techniques, a head, a display, and how much of it."""
+"""A Monte Carlo study of flicker, as users define and run it."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import equinox as eqx
-
 from .. import _checks
-from ..camera import Camera
-from ..estimates.intervals import GEOMETRIC_MEAN, POOLED
 from ..head_motion import HeadMotion
-from ..scenes.baking import check_baking
-from ..scenes.base import AbstractScene
-from ..techniques.base import AbstractTechnique
-from .measured_blocks import Measurement, Tiles
+from .definition import StudyDefinition, check_seed
 from .progress import Progress
+from .run import Run
 from .sampler import CHUNK
 from .sequential import Goal
-from .sessions import Head
 
 if TYPE_CHECKING:
     import xarray
 
 
-def check_seed(seed: int) -> None:
-    """Raise unless a seed is one that does not wrap around."""
-    _checks.whole("seed", seed, 0)
-    _checks.in_range("seed", seed, 0, 2**32 - 1)
-
-
-class Study(eqx.Module):
+class Study(StudyDefinition):
     """A Monte Carlo study of flicker.
 
     - `scenes`: by name.
@@ -43,46 +30,8 @@ class Study(eqx.Module):
     - `baseline`: id of the technique that ratios refer to.
     - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
     - `margin_deg`: how far a head may turn from where it started.
+    - `metrics`: what is measured; the first is the headline, which ratios are of.
     """
-
-    scenes: Mapping[str, AbstractScene]
-    techniques: tuple[AbstractTechnique, ...] = eqx.field(converter=tuple)
-    head: Head
-    camera: Camera = eqx.field(default_factory=Camera)
-    sessions: int = 500
-    frames: int = 10
-    warmup: int = 12
-    measure: Measurement = eqx.field(default_factory=Tiles)
-    baseline: str = "msaa4"
-    oversampling: int = 2
-    margin_deg: float = 6.0
-
-    def __check_init__(self):
-        if not self.scenes:
-            raise ValueError("scenes must name at least one scene, got none.")
-        if not self.techniques:
-            raise ValueError("techniques must name at least one technique, got none.")
-        ids = [technique.id for technique in self.techniques]
-        if len(set(ids)) < len(ids):
-            raise ValueError(
-                f"techniques must have distinct ids, got {', '.join(ids)}."
-            )
-        _checks.one_of("baseline", self.baseline, ids)
-        _checks.whole("sessions", self.sessions, 1)
-        _checks.whole("frames", self.frames, 2)
-        _checks.whole("warmup", self.warmup, 0)
-        self.measure.block_size(self.camera)
-        check_baking(self.camera, self.oversampling, self.margin_deg)
-        for name in self.scenes:
-            if name in (POOLED, GEOMETRIC_MEAN):
-                raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
-
-    @property
-    def display(self) -> Camera:
-        """The camera, at the rate that heads are replayed at."""
-        if isinstance(self.head, HeadMotion):
-            return self.camera
-        return eqx.tree_at(lambda c: c.refresh_hz, self.camera, self.head.refresh_hz)
 
     def run(
         self,
@@ -112,30 +61,28 @@ class Study(eqx.Module):
           (with a goal, MTCD less so: predictions know those heads).
         - `progress`: called before and after each batch.
 
-        **Returns:** `mtcd` and `detail_loss` over technique, scene and session, NaN
-        where a session failed, or was not needed of a technique in a scene; the
-        attributes say what was run. With a goal, `results.summarize` makes the
-        estimates.
+        **Returns:** each metric over technique, scene and session, NaN where a session
+        failed, or was not needed of a technique in a scene; the attributes say what was
+        run. `estimates.summary.summarize` makes the estimates.
 
         **Errors:** `FailedSessionsError` if sessions give no finite number, unless
         they are left out; `KeyboardInterrupt`. Both leave all finished batches in
         `out`, for the next run.
         """
-        from .run import Run
-
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
         if tolerance is None and budget_s is None:
-            size, goal = batch_size, None
-        else:
-            size, goal = CHUNK, self.goal(tolerance, budget_s)
-        run = Run(self, seed, out, size, progress, omit_failed=omit_failed)
-        return run.dataset() if goal is None else run.until(goal)
+            run = Run(self, seed, out, batch_size, progress, omit_failed=omit_failed)
+            return run.dataset()
+        goal = self.goal(tolerance, budget_s)
+        run = Run(self, seed, out, CHUNK, progress, omit_failed=omit_failed)
+        return run.until(goal)
 
     def goal(self, tolerance: float | None, budget_s: float | None) -> Goal:
         """Check what a study is to run until.
 
-        **Errors:** `ValueError` for both or wrong numbers, and for recorded heads.
+        **Errors:** `ValueError` for both or wrong numbers, for recorded heads, and for
+        another headline than MTCD, which is what can be predicted.
         """
         if tolerance is not None and budget_s is not None:
             raise ValueError("tolerance and budget exclude each other: name one.")
@@ -149,5 +96,10 @@ class Study(eqx.Module):
             raise ValueError(
                 "tolerance and budget need a head model: recorded heads have only so "
                 "many windows."
+            )
+        if self.metrics[0].id != "mtcd":
+            raise ValueError(
+                "tolerance and budget are of MTCD: metrics must begin with mtcd, got "
+                f"{self.metrics[0].id}."
             )
         return Goal(tolerance, budget_s)

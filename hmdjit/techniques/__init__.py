@@ -3,6 +3,7 @@
 from . import curve_file as curve_file
 from .base import AbstractSpatial as AbstractSpatial
 from .base import AbstractTechnique as AbstractTechnique
+from .check import check as check
 from .freeze import Freeze as Freeze
 from .head_movement import HeadMovement as HeadMovement
 from .registry import IDS as IDS

@@ -1,20 +1,24 @@
 """The technique contract.
 
-A technique is a frozen configuration with `init(frame) -> state` and `step(state,
-frame, motion) -> (state, displayed)`: pure, per region, on planes. A session calls
-`init` with its first frame and `step` with every frame, the first one included (motion
-0), so that displayed frame 0 is frame 0. Sources (history) are read only through
-`source.at(displacement)`.
+A technique is a frozen configuration. It must say its `id`, `init(frame) -> state` and
+`step(state, frame, motion) -> (state, displayed)`: pure, per region, on planes. A
+session calls `init` with its first frame and `step` with every frame, the first one
+included (motion 0), so that displayed frame 0 is frame 0. Sources (history) are read
+only through `source.at(displacement)`, outside of `jax.lax.cond` and of loops.
+
+Where it needs them it also says `needs`, the channels of a frame, and
+`sample_offsets_px`. All else has a safe default: what there is to know for speed is
+found by the engine, or is a hint. A wrong hint of a technique of one's own is an error
+(see `check`), never a bias.
 
 A large region may be stepped block by block, each with the state of the whole region:
 what a state keeps per pixel is a `History`, and anything else in it, a counter say,
-comes out the same for every block. Where it keeps a plane of another kind, or reads
+comes out the same for every block. Where it keeps a plane of another kind, or may read
 neighbours in the current frame, the region is stepped in one piece.
 """
 
 import abc
-from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,30 +29,14 @@ from .. import color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
+from .small_motion import AsRendered, SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
 
 
-class HistoryReach(eqx.Module):
-    """How what a frame shows depends on the frame before, for sizing halos.
-
-    - `inwards_px`: how far history may come in through a region's left, top, right and
-      bottom edge in each frame, px; negative where it is read from farther inside.
-    - `gain`: how much of an error in the history can remain.
-    - `display_slope`: largest change of the display per change of the history.
-    """
-
-    inwards_px: Float[np.ndarray, "*sessions frames 4"]
-    gain: Float[np.ndarray, "*sessions frames"]
-    display_slope: float = 1.0
-
-
 class AbstractTechnique(eqx.Module):
     """An anti-aliasing technique."""
-
-    remembers: ClassVar[bool] = True
-    """Whether frames before the measured ones can matter (else they are not run)."""
 
     @property
     @abc.abstractmethod
@@ -56,29 +44,14 @@ class AbstractTechnique(eqx.Module):
         """Name in tables and on the command line."""
 
     @property
+    def needs(self) -> frozenset[str]:
+        """Channels of a frame that are read; a scene must give them."""
+        return frozenset({"color"})
+
+    @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
         """Sub-pixel samples: row k mod period, px from the centre, x right, y down."""
         return sample_patterns.centre()[None]
-
-    @property
-    def stencil_radius_px(self) -> int:
-        """How far around a pixel the current frame is read; widens halos."""
-        return 0
-
-    @property
-    def reads_supersampled(self) -> bool:
-        """Whether one read of a texture's SSAA(4) channel is all of its samples."""
-        return False
-
-    @property
-    def displays_history(self) -> bool:
-        """Whether its state is one `History`, of exactly what it displays."""
-        return False
-
-    @property
-    def is_valid(self) -> Bool[Array, ""] | bool:
-        """Whether its numbers are in range: known only while running inside `jit`."""
-        return True
 
     @abc.abstractmethod
     def init(self, frame: Frame) -> State:
@@ -88,27 +61,52 @@ class AbstractTechnique(eqx.Module):
     def step(self, state: State, frame: Frame, motion: Motion) -> tuple[State, Rgb]:
         """Next state, and the displayed picture, gamma, `(3, height, width)`."""
 
+    @property
+    def is_valid(self) -> Bool[Array, ""] | bool:
+        """Whether its numbers are in range: known only while running inside `jit`."""
+        return True
+
+    # Hints.
+
+    @property
+    def stencil_radius_px(self) -> int | None:
+        """How far around a pixel the current frame and the history are read.
+
+        None lets the engine find it, by what a changed pixel changes. A technique whose
+        reach depends on the picture, as a search along an edge, must say it.
+        """
+        return None
+
+    def history_gain(
+        self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
+    ) -> Float[np.ndarray, "*sessions frames"]:
+        """How much of an error in the history can remain in each frame; 1 is all."""
+        return np.ones_like(speed_deg_s)
+
+    @property
+    def display_slope(self) -> float:
+        """Largest change of the display per change of the history."""
+        return 1.0
+
+    @property
+    def reads_supersampled(self) -> bool:
+        """Whether one read of a scene's SSAA(4) channel is all of its samples."""
+        return False
+
     def on_pictures(self) -> "AbstractTechnique":
         """Return the technique that shows exactly the same on scenes without edges."""
         return self
 
-    @abc.abstractmethod
-    def history_reach(
-        self,
-        speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        span_px: Callable[[float], Float[np.ndarray, "*sessions frames 2 2"]],
-    ) -> HistoryReach | None:
-        """How far history reaches in each frame; None where there is none.
+    def small_motion(self) -> SmallMotion | None:
+        """Return how what it shows moves with a small motion; None if that is unknown.
 
-        **Arguments:** `speed_deg_s`: head speed; `span_px`: what a share of each
-        increment displaces, as `camera.displacement_range` gives it.
+        Predictions made of it only decide how few sessions a study needs.
         """
+        return None
 
 
 class AbstractSpatial(AbstractTechnique):
     """A technique that shows each frame on its own: samples in, one picture out."""
-
-    remembers: ClassVar[bool] = False
 
     @abc.abstractmethod
     def resolve(self, frame: Frame) -> Rgb:
@@ -117,12 +115,13 @@ class AbstractSpatial(AbstractTechnique):
     def init(self, frame: Frame) -> None:
         """Spatial techniques keep nothing."""
 
-    def history_reach(self, speed_deg_s: object, span_px: object) -> None:
-        """Spatial techniques read no history."""
-
     def step(self, state: None, frame: Frame, motion: Motion) -> tuple[None, Rgb]:
         """Show the resolved frame."""
         return None, self.resolve(frame)
+
+    def small_motion(self) -> SmallMotion:
+        """Move with the scene."""
+        return AsRendered()
 
 
 def mean_of_samples(samples: Samples, space: str) -> Rgb:

@@ -5,6 +5,7 @@ from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
 from .base import AbstractTechnique
+from .small_motion import Still
 
 
 class Freeze(AbstractTechnique):
@@ -19,18 +20,19 @@ class Freeze(AbstractTechnique):
         return "freeze"
 
     @property
-    def displays_history(self) -> bool:
-        """It does."""
-        return True
+    def stencil_radius_px(self) -> int:
+        """Each pixel keeps its own past."""
+        return 0
 
     def init(self, frame: Frame) -> History:
         """Keep the first frame."""
         return History.of(frame.color[0])
 
-    def history_reach(self, speed_deg_s: object, span_px: object) -> None:
-        """Each pixel keeps its own past: nothing reaches another."""
-
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Show it again."""
         kept = state.under(frame.region)
         return History.of(kept), kept
+
+    def small_motion(self) -> Still:
+        """Nothing moves."""
+        return Still()

@@ -3,7 +3,7 @@
 import functools
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,7 +17,8 @@ from ..frames.displacement import Displacement
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import SPACES, AbstractSpatial, AbstractTechnique, HistoryReach
+from .base import SPACES, AbstractSpatial, AbstractTechnique
+from .small_motion import RecursiveBlend
 
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")
 
@@ -120,14 +121,14 @@ class HeadMovement(AbstractTechnique):
         return [jnp.where(is_zero, 1 / count, weight / safe) for weight in raw]
 
     @property
-    def stencil_radius_px(self) -> int:
-        """That of `resolve`."""
-        return 0 if self.resolve is None else self.resolve.stencil_radius_px
+    def needs(self) -> frozenset[str]:
+        """Those of `resolve`."""
+        return super().needs if self.resolve is None else self.resolve.needs
 
     @property
-    def displays_history(self) -> bool:
-        """In gamma it does; in linear it displays what it keeps encoded."""
-        return self.space == "gamma"
+    def stencil_radius_px(self) -> int | None:
+        """That of `resolve`."""
+        return 0 if self.resolve is None else self.resolve.stencil_radius_px
 
     def _current(self, frame: Frame) -> Rgb:
         gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]
@@ -203,12 +204,10 @@ class HeadMovement(AbstractTechnique):
             is_leaf=lambda node: node is self.resolve,
         )
 
-    def history_reach(
-        self,
-        speed_deg_s: Float[np.ndarray, "*sessions frames"],
-        span_px: Callable[[float], Float[np.ndarray, "*sessions frames 2 2"]],
-    ) -> HistoryReach:
-        """History moves by `1 - d` of a frame's motion and keeps at most its gain.
+    def history_gain(
+        self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
+    ) -> Float[np.ndarray, "*sessions frames"]:
+        """How much of an error in the history remains.
 
         An error e in the history changes `(1 - A) H` by `(1 - A) e`, at most
         `(1 - w_lb) (1 - E) e`; and A itself through equation (5) by at most
@@ -221,13 +220,32 @@ class HeadMovement(AbstractTechnique):
         )
         w_min, w_lb = float(self.w_min), float(self.w_lb)
         steepest = self.localization.steepest
-        gain = (1 - w_min + (1 + steepest) * (w_min - w_lb)) * (1 - easing)
-        inwards = []
-        for d in self.closeness:
-            low, high = np.moveaxis(span_px(1 - float(d)), -2, 0)
-            inwards.append(np.concatenate([-low, high], axis=-1))
-        farthest = np.max(inwards, axis=0)
-        if self.difference == "same_pixel":
-            farthest = np.maximum(farthest, 0.0)  # the unmoved history is read as well
-        slope = color.STEEPEST_ENCODE if self.space == "linear" else 1.0
-        return HistoryReach(farthest, gain, slope)
+        return (1 - w_min + (1 + steepest) * (w_min - w_lb)) * (1 - easing)
+
+    @property
+    def display_slope(self) -> float:
+        """In linear light what is displayed is what is kept, encoded."""
+        return color.STEEPEST_ENCODE if self.space == "linear" else 1.0
+
+    def small_motion(self) -> RecursiveBlend:
+        """How the blend lags behind the scene, all past samples at their mean."""
+        is_tabled = self.difference != "max_channel" and self.space == "gamma"
+        closeness = self._mean_closeness()
+        return RecursiveBlend(
+            closeness,
+            1.0 if self.difference == "same_pixel" else closeness,
+            self.w_min,
+            self.w_lb,
+            self.h_max_deg_s,
+            self.ease,
+            self.localization,
+            "" if is_tabled else "only RGB distances of gamma colours are tabled",
+        )
+
+    def _mean_closeness(self) -> Scalar:
+        """Mean closeness of the past samples, by their weights in equation (2)."""
+        raw, total = self._raw_weights(), sum(self._raw_weights())
+        is_zero = total == 0  # all samples are at d = 0
+        mean = sum(w * c for w, c in zip(raw, self.closeness, strict=True))
+        mean = mean / jnp.where(is_zero, 1, total)
+        return jnp.where(is_zero, 0.0, mean)

@@ -10,7 +10,16 @@ from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial, mean_of_samples
 
 
-class NoAntialiasing(AbstractSpatial):
+class _OwnSamples(AbstractSpatial):
+    """Each pixel shows what its own samples see."""
+
+    @property
+    def stencil_radius_px(self) -> int:
+        """No neighbour is read."""
+        return 0
+
+
+class NoAntialiasing(_OwnSamples):
     """One sample at the pixel centre."""
 
     @property
@@ -23,7 +32,7 @@ class NoAntialiasing(AbstractSpatial):
         return frame.color[0]
 
 
-class SSAA(AbstractSpatial):
+class SSAA(_OwnSamples):
     """Supersampling: `factor` x `factor` samples per pixel, averaged (box filter).
 
     - `factor`: samples per axis; 4 is the reference that detail loss is measured
@@ -58,7 +67,7 @@ class SSAA(AbstractSpatial):
         return mean_of_samples(frame.color, self.space)
 
 
-class MSAA(AbstractSpatial):
+class MSAA(_OwnSamples):
     """Multisampling: coverage per sample, shading once per pixel and surface.
 
     Inside a surface, and so everywhere on a picture, it shows exactly what no

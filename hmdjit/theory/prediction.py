@@ -22,14 +22,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .. import _checks, blending, quaternion
+from .. import _checks, quaternion
 from .. import camera as pinhole
 from .._types import Scalar, WholeNumber
 from ..camera import Camera
+from ..color import CODE_VALUES
 from ..frames.motion import Motion
-from ..metrics.mtcd import CODE_VALUES
-from ..techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from ..techniques.base import AbstractTechnique
+from ..techniques.small_motion import AsRendered, RecursiveBlend, SmallMotion, Still
 from .picture_statistics import (
     Cells,
     Harmonics,
@@ -60,25 +60,20 @@ def _displacements(
 
 def _refusal(technique: AbstractTechnique) -> str | None:
     """Why a technique has no theory."""
-    technique = technique.on_pictures()
-    if isinstance(technique, NoAntialiasing | Freeze):
-        return None
-    if isinstance(technique, SSAA):
-        if technique.reads_supersampled:
-            return None
-        return "only SSAA(4) in linear light is tabled"
-    if not isinstance(technique, HeadMovement):
-        return "it is no displacement of the scene"
-    if technique.resolve is not None and not technique.reads_supersampled:
-        return "of what it resolves, only SSAA(4) in linear light is tabled"
-    if technique.difference == "max_channel" or technique.space == "linear":
-        return "only RGB distances of gamma colours are tabled"
+    model = technique.small_motion()
+    if model is None:
+        return "it does not say how what it shows moves"
+    if isinstance(model, RecursiveBlend) and model.approximation:
+        return model.approximation
+    is_several = technique.sample_offsets_px.shape[1] > 1
+    if is_several and not technique.reads_supersampled:
+        return "of several samples only SSAA(4) in linear light is tabled"
     return None
 
 
 def has_theory(technique: AbstractTechnique) -> bool:
     """Whether `predict` knows a technique."""
-    return _refusal(technique) is None
+    return _refusal(technique.on_pictures()) is None
 
 
 def predict(
@@ -146,48 +141,52 @@ def _predict(
     warmup: int,
     memory: int,
 ) -> Float[Array, " cells"]:
+    model = technique.small_motion()
+    assert model is not None
+    return predict_model(
+        statistics, camera, model, motion, cells, warmup=warmup, memory=memory
+    )
+
+
+def predict_model(
+    statistics: PictureStatistics,
+    camera: Camera,
+    model: SmallMotion,
+    motion: Motion,
+    cells: Cells | None,
+    *,
+    warmup: int,
+    memory: int = 4,
+) -> Float[Array, " cells"]:
+    """Return `predict` of what moves like a model; not jitted, nothing is checked."""
     if cells is None:
         cells = jnp.arange(statistics.slope_squared.shape[0], dtype=jnp.int32)
     else:
         statistics = statistics.select(cells)
     turn = motion.increment
-    if isinstance(technique, Freeze):
+    if isinstance(model, Still):
         return jnp.zeros(cells.shape, turn.dtype)
     maps = _displacements(camera, statistics.cell_px, cells, turn.dtype)
     scene_moves = jnp.einsum("cij,kj->cki", maps, turn)
-    if not isinstance(technique, HeadMovement):
+    if isinstance(model, AsRendered):
         of_pairs = jax.vmap(statistics.difference, 1)
         return CODE_VALUES * jnp.mean(of_pairs(scene_moves[:, warmup + 1 :]), axis=0)
     speed_deg_s = jax.vmap(quaternion.angle)(turn) * camera.refresh_hz * (180 / np.pi)
-    easing = blending.ease(speed_deg_s, technique.h_max_deg_s, technique.ease)
-
-    closeness = _closeness(technique)
+    easing = model.easing(speed_deg_s)
     measured = jnp.arange(warmup + 1, turn.shape[0], dtype=jnp.int32)
 
     def one_cell(slope_squared: Harmonics, moves: Moves) -> Float[Array, ""]:
         squared = partial(difference_squared, slope_squared, statistics.finest_px)
-        blends = _blending(technique, closeness, squared, moves, easing)
+        blends = _blending(model, squared, moves, easing)
 
         def of_pair(k: WholeNumber) -> Float[Array, ""]:
             if memory == 0:
                 return squared(moves[k] + blends.lag[k] - blends.lag[k - 1])
-            return _of_blends(squared, closeness, memory, moves, blends, k)
+            return _of_blends(squared, model.closeness, memory, moves, blends, k)
 
         return CODE_VALUES * jnp.mean(root(jax.vmap(of_pair)(measured)))
 
     return jax.vmap(one_cell)(statistics.slope_squared, scene_moves)
-
-
-def _closeness(technique: HeadMovement) -> Scalar:
-    """Mean closeness of the past samples, by their weights in equation (2)."""
-    d = technique.closeness
-    raw = d if technique.weights is None else technique.weights
-    total = sum(raw)
-    is_zero = total == 0  # all samples are at d = 0
-    mean = sum(w * c for w, c in zip(raw, d, strict=True)) / jnp.where(
-        is_zero, 1, total
-    )
-    return jnp.where(is_zero, 0.0, mean)
 
 
 class _Blending(eqx.Module):
@@ -198,25 +197,16 @@ class _Blending(eqx.Module):
 
 
 def _blending(
-    technique: HeadMovement,
-    closeness: Scalar,
+    model: RecursiveBlend,
     squared: Squared,
     moves: Moves,
     easing: Float[Array, " frames"],
 ) -> _Blending:
-    compared = 1.0 if technique.difference == "same_pixel" else closeness
-
     def advance(lag: Vector, now: tuple) -> tuple[Vector, _Blending]:
         move, easing = now
-        difference = root(squared(lag - compared * move)) / 3**0.5
-        minimum = blending.localized_minimum(
-            technique.w_min,
-            technique.w_lb,
-            jnp.minimum(difference, 1.0),
-            technique.localization,
-        )
-        weight = blending.current_weight(minimum, easing)
-        lag = (1 - weight) * (lag - closeness * move)
+        difference = root(squared(lag - model.compared * move)) / 3**0.5
+        weight = model.weight(jnp.minimum(difference, 1.0), easing)
+        lag = (1 - weight) * (lag - model.closeness * move)
         return lag, _Blending(weight, lag)
 
     start = jnp.zeros(2, moves.dtype)

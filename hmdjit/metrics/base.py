@@ -1,0 +1,155 @@
+"""The metric contract: `init`, `step`, `value`, streamed over what a session displays.
+
+A metric is a frozen configuration. A session calls `step` once for each measured frame
+or, where it cuts a large region into blocks, once for each block of it; colours are
+gamma in `[0, 1]`, planes `(3, height, width)`. Nothing else knows which metrics a study
+has, or how many.
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, DTypeLike, Float
+
+from .._types import Mask, Plane, Rgb, Scalar
+from ..camera import Region
+
+State = Any
+Measured = Mapping[str, Float[Array | np.ndarray, "*sessions"]]
+"""Values by the metrics' ids."""
+
+
+class AbstractMetric(eqx.Module):
+    """What is reported of a session's displayed frames."""
+
+    id: ClassVar[str]
+    """Name in tables, datasets and results."""
+
+    unit: ClassVar[str]
+
+    less_is_better: ClassVar[bool] = True
+
+    needs_reference: ClassVar[bool] = False
+    """Whether displayed frames are held against the reference of the same pose."""
+
+    is_of_pairs: ClassVar[bool] = False
+    """Whether it compares each frame with the one before: the first measured frame is
+    then only where the first pair starts."""
+
+    @abc.abstractmethod
+    def init(self, measured: Region, dtype: DTypeLike) -> State:
+        """State before the first frame of the measured block."""
+
+    @abc.abstractmethod
+    def step(
+        self,
+        state: State,
+        shown: Rgb,
+        previous: Rgb,
+        reference: Rgb | None,
+        is_measured: Mask | None = None,
+    ) -> State:
+        """Take in a displayed frame, the one before it, and the reference.
+
+        **Arguments:** `reference`: None where no metric needs it; `is_measured`: which
+        pixels count, None is all.
+        """
+
+    @abc.abstractmethod
+    def value(self, state: State) -> Scalar:
+        """Return the metric over all frames so far."""
+
+
+class PixelMean(AbstractMetric):
+    """A metric that is a mean over pixels and frames of one number per pixel."""
+
+    @abc.abstractmethod
+    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+        """Return each pixel's number, `(height, width)`."""
+
+    def init(self, measured: Region, dtype: DTypeLike) -> State:
+        """No pixel so far."""
+        return jnp.zeros((2, 2), dtype)
+
+    def step(
+        self,
+        state: State,
+        shown: Rgb,
+        previous: Rgb,
+        reference: Rgb | None,
+        is_measured: Mask | None = None,
+    ) -> State:
+        """Add the pixels of a frame, or of a block of it."""
+        plane = self.per_pixel(shown, previous, reference)
+        count = jnp.asarray(plane.size, plane.dtype)
+        if is_measured is not None:
+            plane = jnp.where(is_measured, plane, 0)
+            count = jnp.sum(is_measured, dtype=plane.dtype)
+        return compensated(state, jnp.stack([jnp.sum(plane), count]))
+
+    def value(self, state: State) -> Scalar:
+        """Mean over pixels and frames; NaN of no pixel."""
+        (total, count), _ = state
+        return total / count
+
+
+def compensated(
+    total: Float[Array, "2 ..."], term: Float[Array, "..."]
+) -> Float[Array, "2 ..."]:
+    """Add to a sum that keeps, beside it, what rounding took from it.
+
+    A session may have 1e5 frames, and a frame many blocks.
+
+    **Source:** Kahan, "Further remarks on reducing truncation errors", Communications
+    of the ACM 8(1), 1965.
+    """
+    term = term - total[1]
+    new = total[0] + term
+    return jnp.stack([new, jax.lax.stop_gradient((new - total[0]) - term)])
+
+
+class Streamed:
+    """A metric of a clip that comes picture by picture, `(height, width, 3)`."""
+
+    def __init__(self, metric: AbstractMetric):
+        self.metric = metric
+        self._state: State = None
+        self._last: Rgb | None = None
+        self._count = 0
+
+    def add(
+        self,
+        picture: Float[np.ndarray, "height width 3"],
+        reference: Float[np.ndarray, "height width 3"] | None = None,
+    ) -> None:
+        """Take in the next picture; gamma colours in `[0, 1]`."""
+        height, width, _ = picture.shape
+        shown = _planes(picture)
+        if self._state is None:
+            measured = Region(0, 0, width, height)
+            self._state = self.metric.init(measured, shown.dtype)
+        if self._last is not None or not self.metric.is_of_pairs:
+            last = shown if self._last is None else self._last
+            against = None if reference is None else _planes(reference)
+            self._state = _step(self.metric, self._state, shown, last, against)
+            self._count += 1
+        self._last = shown
+
+    @property
+    def value(self) -> float:
+        """The metric so far; NaN before there is anything to measure."""
+        return float(self.metric.value(self._state)) if self._count else float("nan")
+
+
+def _planes(picture: Float[np.ndarray, "height width 3"]) -> Rgb:
+    return jnp.asarray(np.moveaxis(picture, -1, 0), jnp.result_type(float))
+
+
+@jax.jit
+def _step(metric: AbstractMetric, *arguments: Any) -> State:
+    return metric.step(*arguments)

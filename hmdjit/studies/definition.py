@@ -1,0 +1,73 @@
+"""What a study is: scenes, techniques, a head, a display, metrics, and how much."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+
+from .. import _checks
+from ..camera import Camera
+from ..estimates.summary import GEOMETRIC_MEAN, POOLED
+from ..head_motion import HeadMotion
+from ..metrics import STANDARD, AbstractMetric
+from ..scenes.baking import check_baking
+from ..scenes.base import AbstractScene
+from ..simulation.simulate import check_gives
+from ..techniques.base import AbstractTechnique
+from .measured_blocks import Measurement, Tiles
+from .sessions import Head
+
+
+def check_seed(seed: int) -> None:
+    """Raise unless a seed is one that does not wrap around."""
+    _checks.whole("seed", seed, 0)
+    _checks.in_range("seed", seed, 0, 2**32 - 1)
+
+
+class StudyDefinition(eqx.Module):
+    """The fields of a `Study`, checked."""
+
+    scenes: Mapping[str, AbstractScene]
+    techniques: tuple[AbstractTechnique, ...] = eqx.field(converter=tuple)
+    head: Head
+    camera: Camera = eqx.field(default_factory=Camera)
+    sessions: int = 500
+    frames: int = 10
+    warmup: int = 12
+    measure: Measurement = eqx.field(default_factory=Tiles)
+    baseline: str = "msaa4"
+    oversampling: int = 2
+    margin_deg: float = 6.0
+    metrics: tuple[AbstractMetric, ...] = eqx.field(converter=tuple, default=STANDARD)
+
+    def __check_init__(self):
+        if not self.scenes:
+            raise ValueError("scenes must name at least one scene, got none.")
+        if not self.techniques:
+            raise ValueError("techniques must name at least one technique, got none.")
+        ids = [technique.id for technique in self.techniques]
+        if len(set(ids)) < len(ids):
+            raise ValueError(
+                f"techniques must have distinct ids, got {', '.join(ids)}."
+            )
+        _checks.one_of("baseline", self.baseline, ids)
+        metrics = [metric.id for metric in self.metrics]
+        if not metrics or len(set(metrics)) < len(metrics):
+            named = ", ".join(metrics) or "none"
+            raise ValueError(f"metrics must be one or more, all distinct, got {named}.")
+        _checks.whole("sessions", self.sessions, 1)
+        _checks.whole("frames", self.frames, 2)
+        _checks.whole("warmup", self.warmup, 0)
+        self.measure.block_size(self.camera)
+        check_baking(self.camera, self.oversampling, self.margin_deg)
+        for name, scene in self.scenes.items():
+            if name in (POOLED, GEOMETRIC_MEAN):
+                raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
+            for technique in self.techniques:
+                check_gives(scene.gives, name, technique)
+
+    @property
+    def display(self) -> Camera:
+        """The camera, at the rate that heads are replayed at."""
+        if isinstance(self.head, HeadMotion):
+            return self.camera
+        return eqx.tree_at(lambda c: c.refresh_hz, self.camera, self.head.refresh_hz)
