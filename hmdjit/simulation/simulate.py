@@ -19,6 +19,7 @@ from ..metrics import STANDARD, AbstractMetric
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
+from ..techniques.check import check_hints
 from .session import Result, differentiable_session, fastest_reading
 
 
@@ -88,6 +89,7 @@ def simulate(
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     check_texture(texture, camera, region)
     check_gives(texture.gives, "this scene", technique)
+    check_hints(technique)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
     stored = texture.color_texels.dtype

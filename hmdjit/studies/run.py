@@ -21,6 +21,7 @@ from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.sharding import placed
 from ..techniques.base import AbstractTechnique
+from ..techniques.check import check_hints
 from ..theory.control_variates import Controls, control_of
 from .dataset import gathered, write_dataset
 from .definition import StudyDefinition
@@ -69,6 +70,7 @@ class Run:
         self.techniques: dict[str, AbstractTechnique] = {}
         self.places: dict[str, list[int]] = {}
         for place, technique in enumerate(study.techniques):
+            check_hints(technique)
             technique = technique.on_pictures()
             key = fingerprint(technique)
             self.techniques.setdefault(key, technique)

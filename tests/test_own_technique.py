@@ -1,0 +1,184 @@
+"""A technique of a user's own, who says no more than the contract asks for."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hmdjit as hj
+from hmdjit.frames.sources import History
+from hmdjit.studies.measured_blocks import Tiles, WholeFrame
+from hmdjit.techniques import check
+
+CAMERA = hj.Camera(96, 96, 12.0, 60.0)
+HEAD = hj.HeadMotion.fixating()
+
+
+class Average(hj.techniques.AbstractTechnique):
+    """Exponential average along the head's rotation."""
+
+    share: float = 0.2
+
+    @property
+    def id(self):
+        return "average"
+
+    def init(self, frame):
+        return History.of(frame.color[0])
+
+    def step(self, state, frame, motion):
+        past = state.at(frame.displacement(motion.increment))
+        shown = past + self.share * (frame.color[0] - past)
+        return History.of(shown), shown
+
+
+class Blur(hj.techniques.AbstractTechnique):
+    """Mean of a pixel and its neighbours, without a word of how far they are."""
+
+    radius: int = eqx.field(static=True, default=1)
+
+    @property
+    def id(self):
+        return "blur"
+
+    def init(self, frame):
+        return None
+
+    def step(self, state, frame, motion):
+        r = self.radius
+        planes = jnp.pad(frame.color[0], [(0, 0), (r, r), (r, r)], mode="edge")
+        _, height, width = frame.color[0].shape
+        near = [
+            planes[:, i : i + height, j : j + width]
+            for i in range(2 * r + 1)
+            for j in range(2 * r + 1)
+        ]
+        return None, sum(near) / len(near)
+
+
+class Forgetful(Average):
+    """Says that little of an error remains, which is not so."""
+
+    @property
+    def id(self):
+        return "forgetful"
+
+    def history_gain(self, speed_deg_s):
+        return 0.1 * np.ones_like(speed_deg_s)
+
+
+class NearSighted(Blur):
+    """Says that it reads no neighbour, which is not so."""
+
+    @property
+    def stencil_radius_px(self):
+        return 0
+
+
+class Sham(Average):
+    """Says that it shows pictures as they are, which is not so."""
+
+    def on_pictures(self):
+        return hj.techniques.NoAntialiasing()
+
+
+def study(measure, sessions=48):
+    return hj.Study(
+        scenes={"noise": hj.scenes.power_law_noise()},
+        techniques=(Average(), Blur(), hj.techniques.HeadMovement()),
+        baseline="average",
+        head=HEAD,
+        camera=CAMERA,
+        measure=measure,
+        sessions=sessions,
+        frames=3,
+        warmup=5,
+    ).run(3)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return study(WholeFrame())
+
+
+@pytest.mark.parametrize("metric", ["mtcd", "detail_loss"])
+def test_tiles_have_the_mean_of_whole_frames(whole, metric):
+    tiles = study(Tiles(2, 32))
+    difference = tiles[metric].values - whole[metric].values
+    mean, error = difference.mean(-1), difference.std(-1, ddof=1) / np.sqrt(48)
+    # Six numbers, each beyond 4 standard errors once in 10^4 (Student, 47 degrees).
+    assert (np.abs(mean) < 4 * error).all()
+    assert (error < 0.1 * whole[metric].values.mean(-1)).all()
+
+
+@pytest.mark.parametrize("metric", ["mtcd", "detail_loss"])
+def test_all_tiles_together_are_the_whole_frame(whole, metric):
+    # Nothing is left to chance: each cell of the grid is drawn once.
+    every = study(Tiles(9, 32), sessions=4)[metric].values
+    np.testing.assert_allclose(every, whole[metric].values[..., :4], rtol=1e-4)
+
+
+def test_it_flickers_less_than_what_is_rendered(whole):
+    poses = HEAD.sample(jax.random.key(0), 60.0, 8)
+    scene = hj.scenes.power_law_noise()
+    result = hj.simulate(scene, CAMERA, Average(), poses, warmup=5)
+    none = hj.simulate(scene, CAMERA, hj.techniques.by_id("none"), poses, warmup=5)
+    assert 0 < result.mtcd < none.mtcd
+    assert set(whole["technique"].values) == {"average", "blur", "head_movement"}
+
+
+@pytest.mark.parametrize(
+    ("technique", "hint"),
+    [
+        (Forgetful(), "history_gain of forgetful must be at least 0.8"),
+        (NearSighted(), "stencil_radius_px of blur must be at least 1"),
+        (Sham(), "on_pictures of average must show the same"),
+    ],
+)
+def test_a_wrong_hint_is_an_error(technique, hint):
+    with pytest.raises(ValueError, match=hint):
+        check(technique)
+    with pytest.raises(ValueError, match=hint):
+        hj.Study(
+            scenes={"noise": hj.scenes.power_law_noise()},
+            techniques=(technique,),
+            baseline=technique.id,
+            head=HEAD,
+            camera=CAMERA,
+            measure=Tiles(2, 32),
+        ).run(0)
+
+
+@pytest.mark.parametrize("radius", [1, 3])
+def test_a_stencil_is_found(radius):
+    from hmdjit.techniques.check import stencil_radius_px
+
+    assert stencil_radius_px(Blur(radius)) == radius
+    assert stencil_radius_px(Average()) == 0
+
+
+def test_a_technique_that_needs_more_than_a_scene_gives_is_refused():
+    class Deep(Average):
+        @property
+        def needs(self):
+            return frozenset({"color", "depth"})
+
+    message = "average needs depth, which noise does not give"
+    with pytest.raises(ValueError, match=message):
+        hj.Study(
+            scenes={"noise": hj.scenes.power_law_noise()},
+            techniques=(Deep(),),
+            baseline="average",
+            head=HEAD,
+        )
+    poses = HEAD.sample(jax.random.key(0), 60.0, 4)
+    with pytest.raises(ValueError, match="average needs depth, which this scene"):
+        hj.simulate(hj.scenes.power_law_noise(), CAMERA, Deep(), poses)
+
+
+@pytest.mark.parametrize(
+    "id", ["none", "freeze", "msaa4", "ssaa2", "ssaa4", "head_movement"]
+)
+def test_the_package_s_own_pass(id):
+    check(hj.techniques.by_id(id))
