@@ -1,90 +1,180 @@
-"""Estimates of MTCD from few simulated sessions, and how many sessions they need.
+"""Means over sessions and smooth functions of them, each with its influences.
 
-A study's mean is over sessions and over the tiles of the frame. Three ways to it, in
-the order of their work for one precision; a pilot chooses between the last two:
+An estimate is kept with its *influences*: what each session of each independent sample
+adds to its error. Sums, ratios and geometric means of estimates then have theirs (the
+delta method), whatever sessions they share. Techniques share sessions, tiles and paths,
+hence ratios are *paired*: what moves both cancels.
 
-- *whole frame*: every pixel of every session; only sessions vary.
-- *tiles*: a tile or two per session. A session's tiles say nearly the same of its head
-  as all of them do, so the same pixels are better spent on more sessions.
-- *control variate*: the small-motion theory T (`theory.predict`) of the same tiles is
-  known for many more sessions at a two-hundredth of the cost. With simulated sessions i
-  of one sample and predicted paths j of another, independent one,
-  `mean_i(Y_i - b T_i) + b mean_j(T_j)` has the mean of Y whatever b is, and for
-  b = cov(Y, T) / var(T) nearly only the variance that T leaves over. Here b comes from
-  a third sample, the pilot, so that nothing is biased.
+A *control variate* makes a mean out of fewer sessions: the small-motion theory T
+(`theory.predict`) of the same tiles is known for many more sessions at a two-hundredth
+of the cost. With simulated sessions i of one sample and predicted paths j of another,
+independent one, `mean_i(Y_i - b T_i) + b mean_j(T_j)` has the mean of Y whatever b is,
+and for b = cov(Y, T) / var(T) nearly only the variance that T leaves over. Here b comes
+from a third sample, the pilot, so that nothing is biased.
 
-Techniques share sessions, tiles and paths, hence ratios are *paired*: what moves both
-cancels.
-
-An estimate is kept with its *influences*: what each session of each sample adds to its
-error. Sums and ratios of estimates then have theirs, whatever sessions they share.
+A session that failed is not finite. Who leaves it out chooses so, by `nan_policy`:
+sessions that fail are those of heads that move much, so means without them are less.
 
 **Source:** control variates with an estimated mean (two-phase sampling): Cochran,
 "Sampling Techniques", 3rd ed., chapter 12; ratios by the delta method: section 6.3.
 """
 
 import dataclasses
+import functools
+import itertools
 import math
-from collections.abc import Sequence
-from typing import get_args
+import operator
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Float
-from scipy import stats
+from jaxtyping import Bool, Float, Shaped
 
 from .. import _checks
-from .intervals import MIN_BASELINE_MTCD, NO_FLICKER, Interval, NanPolicy, centred
 
-FLOOR_MTCD = 0.005
-"""Code values; no tolerance is below it, so that a uniform picture terminates."""
+MIN_BASELINE_MTCD = 0.05
+"""Code values; a ratio to a baseline that flickers no more than this says nothing."""
+
+NO_FLICKER = "no flicker to remove"
+NO_SESSION = "no session succeeded"
+NO_PAIR = "no session succeeded in both this and the baseline"
+NOT_FINITE = "not finite in"
+
+NanPolicy = Literal["propagate", "omit"]
+"""What sessions that are not finite make of a mean: NaN, or nothing.
+
+SciPy's words; here infinite ones count as well.
+"""
 
 _ROUNDING = 1e-13  # of a standard error: what pairing leaves of it is no spread
 
 Sessions = Float[np.ndarray, " session"]
 Paths = Float[np.ndarray, " path"]
 Influences = Float[np.ndarray, "..."]
+Subjects = Shaped[np.ndarray, " session"]
+Weights = Float[np.ndarray, "session replicate"]
+Replicates = Float[np.ndarray, " replicate"]
+
+
+class Resampling(NamedTuple):
+    """How an estimate is made again from sessions that are drawn anew.
+
+    - `drawn`: the sessions that it is made of.
+    - `clusters`: subject of each session, or None if every session is a new person.
+    - `replicate`: the estimate, from how often each session is drawn.
+    """
+
+    drawn: Bool[np.ndarray, " session"]
+    clusters: Subjects | None
+    replicate: Callable[[Weights], Replicates]
 
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
     """A number and how far each session may have moved it.
 
-    - `value`: what is estimated.
+    - `value`: what is estimated; NaN where there is none, and then `reason` says why.
     - `influences`: for each independent sample, what each of its sessions adds.
+    - `count`: sessions that it is made of; of a part's, if parts have their own.
+    - `size`: of the terms that influences are differences of, which round by it.
+    - `resampling`: of the sessions, where there is no other sample.
     """
 
     value: float
-    influences: tuple[Influences, ...]
+    influences: tuple[Influences, ...] = ()
+    count: int = 0
+    size: float = 0.0
+    resampling: Resampling | None = None
+    reason: str = ""
 
     @property
     def standard_error(self) -> float:
         """Root of the sum of squared influences."""
+        if self.reason:
+            return math.nan
         return math.sqrt(sum(float(np.sum(i**2)) for i in self.influences))
 
-    def interval(self, z: float, method: str) -> Interval:
-        """Return the normal interval, `z` standard errors to both sides."""
-        error = self.standard_error
-        step = z * error
-        return Interval(self.value, self.value - step, self.value + step, error, method)
+
+def none(reason: str) -> Estimate:
+    """Return what stands for an estimate that cannot be made."""
+    return Estimate(math.nan, reason=reason)
 
 
-def mean_of(values: Sessions, *, nan_policy: NanPolicy = "propagate") -> Estimate:
+def centred(
+    x: Float[np.ndarray, "*rows session"],
+) -> tuple[Float[np.ndarray, "*rows"], Float[np.ndarray, "*rows session"]]:
+    """Mean of the finite sessions, and how far each is from it: 0 of the others.
+
+    Both are right to rounding however far the spread lies below the mean: equal
+    sessions have exactly their mean. Of no session it is 0.
+    """
+    known = np.isfinite(x)
+    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
+    over = lambda values: np.where(known, values, 0.0).sum(-1, keepdims=True) / count
+    mean = over(x)
+    mean = mean + over(x - mean)  # what a sum of large numbers had lost
+    rest = x - mean  # exact where they are close
+    return mean[..., 0], np.where(known, rest - over(rest), 0.0)
+
+
+def mean_of(
+    values: Sessions,
+    clusters: Subjects | None = None,
+    *,
+    nan_policy: NanPolicy = "propagate",
+    drawn: Bool[np.ndarray, " session"] | None = None,
+) -> Estimate:
     """Mean over the sessions of one sample.
 
     A single session has no known influence: its standard error is NaN.
 
-    **Arguments:** `nan_policy`: sessions that are not finite make all NaN, or are left
-    out: they then keep their place, with no influence.
+    **Arguments:**
+
+    - `values`: one per session.
+    - `clusters`: subject of each session, or None if every session is a new person.
+    - `nan_policy`: sessions that are not finite make all NaN, or are left out: they
+      then keep their place, with no influence.
+    - `drawn`: the sessions that were drawn, if more than those that are finite: the
+      mean is then one sum over another, to which some sessions add 0.
     """
     _checks.one_of("nan_policy", nan_policy, get_args(NanPolicy))
-    is_known = np.isfinite(values)
-    if nan_policy != "omit" and not is_known.all():
-        return Estimate(math.nan, (np.full(len(values), math.nan),))
-    count = int(is_known.sum())
+    values = np.asarray(values, float)
+    known = np.isfinite(values)
+    count, missing = int(known.sum()), int(np.sum(~known))
+    if missing and nan_policy == "propagate":
+        reason = f"{NOT_FINITE} {missing} of {known.size} sessions"
+        return Estimate(math.nan, count=count, reason=reason)
+    if count == 0:
+        return none(NO_SESSION)
+    drawn = known if drawn is None else drawn
     mean, rest = centred(values)
     # As a variance divides by n - 1.
-    unit = 1 / math.sqrt(count * (count - 1)) if count > 1 else math.nan
-    return Estimate(float(mean) if count else math.nan, (unit * rest,))
+    n = int(drawn.sum())  # at least `count`
+    unit = math.sqrt(n / (n - 1)) / count if n > 1 else math.nan
+    terms, end = np.where(known, values, 0.0), known.size
+    replicate = lambda weights: terms @ weights[:end] / (known @ weights[:end])
+    size = unit * float(np.abs(terms).max())
+    resampling = Resampling(drawn, clusters, replicate)
+    return Estimate(float(mean), (unit * rest,), n, size, resampling)
+
+
+def paired_means(
+    *rows: Sessions,
+    clusters: Subjects | None = None,
+    nan_policy: NanPolicy = "propagate",
+    drawn: Bool[np.ndarray, " session"] | None = None,
+) -> list[Estimate]:
+    """Mean of each row over the sessions that are finite in all of them.
+
+    **Arguments:** as of `mean_of`.
+    """
+    data = [np.asarray(row, float) for row in rows]
+    if len({row.shape for row in data}) > 1:
+        shapes = " and ".join(str(row.shape) for row in data)
+        raise ValueError(f"sessions must have one shape, got {shapes}.")
+    known = np.isfinite(data).all(axis=0)
+    mean = functools.partial(mean_of, nan_policy=nan_policy, drawn=drawn)
+    return [mean(np.where(known, row, np.nan), clusters) for row in data]
 
 
 def control_variate(
@@ -107,39 +197,75 @@ def control_variate(
       mean still has.
     """
     if slope == 0 or len(paths) == 0:
-        plain = mean_of(simulated, nan_policy=nan_policy)
-        return Estimate(plain.value, (*plain.influences, np.zeros(0)))
-    known = np.isfinite(simulated) & np.isfinite(predicted)
-    y, t = (
-        mean_of(np.where(known, x, np.nan), nan_policy=nan_policy)
-        for x in (simulated, predicted)
-    )
-    there = mean_of(paths)
+        return mean_of(simulated, nan_policy=nan_policy)
     # Influences are combined: sessions' own differences would lose a small spread.
-    here = combined([1.0, -slope], [y, t])
+    y, t = paired_means(simulated, predicted, nan_policy=nan_policy)
+    here, there = combined([1.0, -slope], [y, t]), mean_of(paths)
+    if here.reason:
+        return here
     value = y.value + slope * (there.value - t.value)
-    return Estimate(value, (*here.influences, slope * there.influences[0]))
+    influences = (*here.influences, slope * there.influences[0])
+    return Estimate(value, influences, here.count)
+
+
+def function_of(
+    function: Callable, gradient: Sequence[float], estimates: Sequence[Estimate]
+) -> Estimate:
+    """Smooth function of estimates, by the delta method.
+
+    Session i of a sample is the same one in all of them; a sample that one of them
+    lacks did not move that one.
+
+    **Arguments:**
+
+    - `function`: of as many numbers, or arrays of them, as there are estimates.
+    - `gradient`: its derivatives at their values.
+    """
+    count = min(e.count for e in estimates)
+    for estimate in estimates:
+        if estimate.reason:
+            return dataclasses.replace(estimate, count=count)
+    samples = itertools.zip_longest(
+        *(e.influences for e in estimates), fillvalue=np.zeros(0)
+    )
+    terms = zip(gradient, estimates, strict=True)
+    resampling, known = None, [e.resampling for e in estimates if e.resampling]
+    if len(known) == len(estimates):
+        replicate = lambda weights: function(*(one.replicate(weights) for one in known))
+        drawn = _total([1.0] * len(known), [one.drawn for one in known]) > 0
+        clusters = max(known, key=lambda one: one.drawn.size).clusters
+        resampling = Resampling(drawn, clusters, replicate)
+    return Estimate(
+        float(function(*(e.value for e in estimates))),
+        tuple(_total(gradient, parts) for parts in samples),
+        count,
+        sum(abs(weight) * e.size for weight, e in terms),
+        resampling,
+    )
+
+
+def _total(weights: Sequence[float], parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Weighted sum of arrays, each of which may end before the others do."""
+    total = np.zeros(max(len(part) for part in parts))
+    for weight, part in zip(weights, parts, strict=True):
+        total[: len(part)] += weight * part
+    return total
 
 
 def combined(weights: Sequence[float], estimates: Sequence[Estimate]) -> Estimate:
-    """Return a weighted sum; session i of a sample is the same one in all."""
-    value = sum(w * e.value for w, e in zip(weights, estimates, strict=True))
-    samples = []
-    for parts in zip(*(e.influences for e in estimates), strict=True):
-        total = np.zeros(max(len(part) for part in parts))
-        for weight, part in zip(weights, parts, strict=True):
-            total[: len(part)] += weight * part
-        samples.append(total)
-    return Estimate(value, tuple(samples))
+    """Return a weighted sum."""
+    total = lambda *x: sum(w * value for w, value in zip(weights, x, strict=True))
+    return function_of(total, weights, estimates)
 
 
-def ratio(x: Estimate, y: Estimate) -> Estimate | None:
-    """Ratio of two estimates, paired; None where the baseline does not flicker."""
-    if y.value <= MIN_BASELINE_MTCD:
-        return None
-    value = x.value / y.value
-    difference = combined([1 / y.value, -value / y.value], [x, y])
-    return dataclasses.replace(difference, value=value)
+def ratio(x: Estimate, y: Estimate, *, above: float = MIN_BASELINE_MTCD) -> Estimate:
+    """Ratio of two estimates, paired; none where `y` is not above a limit."""
+    if NO_SESSION in (x.reason, y.reason):
+        return none(NO_PAIR)
+    if y.value <= above:
+        return none(NO_FLICKER)
+    gradient = [1 / y.value, -x.value / y.value / y.value]
+    return function_of(operator.truediv, gradient, [x, y])
 
 
 def pairing_gain(x: Estimate, y: Estimate) -> float:
@@ -148,7 +274,7 @@ def pairing_gain(x: Estimate, y: Estimate) -> float:
     NaN where there is no ratio, or pairing leaves no variance but of rounding.
     """
     paired = ratio(x, y)
-    if paired is None:
+    if paired.reason:
         return math.nan
     alone = math.hypot(x.standard_error, paired.value * y.standard_error) / y.value
     if not paired.standard_error > _ROUNDING * alone:
@@ -156,69 +282,13 @@ def pairing_gain(x: Estimate, y: Estimate) -> float:
     return (alone / paired.standard_error) ** 2
 
 
+def mean_logarithm(ratios: Sequence[Estimate]) -> Estimate:
+    """Mean of the logarithms of positive ratios."""
+    gradient = [1 / (len(ratios) * r.value) for r in ratios]
+    return function_of(lambda *x: np.mean(np.log(x), axis=0), gradient, ratios)
+
+
 def geometric_mean(ratios: Sequence[Estimate]) -> Estimate:
     """Geometric mean of positive ratios."""
-    value = math.exp(sum(math.log(r.value) for r in ratios) / len(ratios))
-    weights = [value / (len(ratios) * r.value) for r in ratios]
-    return dataclasses.replace(combined(weights, ratios), value=value)
-
-
-def no_ratio() -> Interval:
-    """Return what stands for a ratio to a baseline that does not flicker."""
-    return Interval(math.nan, math.nan, math.nan, math.nan, NO_FLICKER)
-
-
-# --- how many sessions ---
-
-
-@dataclasses.dataclass(frozen=True)
-class Need:
-    """What one number needs: a standard error, from two samples' variances.
-
-    - `error`: the standard error that is asked for.
-    - `session_variance`: of one simulated session's part in it.
-    - `path_variance`: of one predicted path's part.
-    """
-
-    error: float
-    session_variance: float
-    path_variance: float
-
-
-def sessions_needed(
-    needs: Sequence[Need], session_seconds: float, path_seconds: float
-) -> tuple[int, int]:
-    """Sessions to simulate and paths to predict for the least work.
-
-    With r paths for each session a number needs `n = (v + w / r) / e^2` sessions; the r
-    that is cheapest for the hardest of all numbers is searched for.
-
-    **Arguments:** seconds per session and per path; path variances of 0 need none.
-
-    **Returns:** `(n, m)`, sessions and paths.
-    """
-    session = np.array([need.session_variance / need.error**2 for need in needs])
-    path = np.array([need.path_variance / need.error**2 for need in needs])
-    if not path.any():
-        return math.ceil(session.max()), 0
-    per_session = np.geomspace(1e-2, 1e4, 241)
-    count = np.max(session + path / per_session[:, None], axis=1)
-    seconds = count * (session_seconds + per_session * path_seconds)
-    best = int(np.argmin(seconds))
-    return math.ceil(count[best]), math.ceil(count[best] * per_session[best])
-
-
-def level_of_look(look: int) -> float:
-    """Half-width, in standard errors, of the intervals at a look, counted from 1.
-
-    Look k may err with probability `0.05 / 2^k`: together no more than 5 %, however
-    many looks there are (the union bound). The first, which nearly always is the last,
-    has 2.24 standard errors where a single one would have 1.96.
-    """
-    return float(stats.norm.isf(0.025 / 2**look))
-
-
-def figure_of_merit(estimate: Estimate, seconds: float) -> float:
-    """`1 / (relative error^2 x seconds)`, 1/s; NaN where there is no error."""
-    relative = estimate.standard_error / abs(estimate.value) if estimate.value else 0.0
-    return 1 / (relative**2 * seconds) if relative and seconds else math.nan
+    log = mean_logarithm(ratios)
+    return function_of(np.exp, [math.exp(log.value)], [log])

@@ -1,11 +1,9 @@
-"""Means, ratios of means and geometric means of ratios, with 95 % intervals.
+"""95 % intervals of estimates: normal, Student's, and by resampling.
 
 Intervals are over sessions: each draws a new person and a new path, and scenes are
 fixed. Where recorded traces were replayed, the subject is the cluster.
 
-- From 50 sessions on, the interval of a mean is normal, that of a ratio is the delta
-  method's. Both use an influence `l_i`, how much session i moves the estimate, and the
-  standard error `sd(l) / sqrt(n)`.
+- From 50 sessions on, the interval is normal, by the estimate's influences.
 - Below, the sessions are resampled (2,000 replicates, fixed seed) and the interval lies
   between percentiles of the replicates, at the levels `Phi(-+ sqrt(n / (n-1)) t)` with
   Student's 97.5 % quantile t of n - 1 degrees of freedom. Percentiles keep to the range
@@ -18,54 +16,44 @@ fixed. Where recorded traces were replayed, the subject is the cluster.
   since the second stage repeats what the first already shows. Fewer than 5 subjects
   cannot show how people differ: the interval is then over windows, and says so.
 - Influences of at most 1e-13 of the sessions themselves are rounding: no spread.
-- A session that failed is not finite. Who leaves it out chooses so, by `nan_policy`:
-  sessions that fail are those of heads that move much, so means without them are less.
 
-**Source:** delta method for ratios: Cochran, "Sampling Techniques", 3rd ed., section
-6.3; two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
+**Source:** two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
 Application", section 3.8; levels: Hesterberg, "What Teachers Should Know About the
 Bootstrap", The American Statistician 69(4), 2015, the expanded percentile interval.
 """
 
 import dataclasses
 import functools
+import itertools
 import math
-from collections.abc import Callable
-from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 from scipy import stats
 
-from .. import _checks
+from .estimate import (
+    MIN_BASELINE_MTCD,
+    NO_FLICKER,
+    NO_PAIR,
+    NOT_FINITE,
+    Estimate,
+    NanPolicy,
+    Sessions,
+    Subjects,
+    combined,
+    mean_logarithm,
+    mean_of,
+    none,
+    paired_means,
+    ratio,
+)
 
-MIN_BASELINE_MTCD = 0.05
-"""Code values; a ratio to a baseline that flickers no more than this says nothing."""
-
-POOLED = "all"
-"""Scene of the rows that average over all scenes."""
-
-GEOMETRIC_MEAN = "geometric mean"
-"""Scene of the rows with the geometric mean of the per-scene ratios."""
-
-NO_FLICKER = "no flicker to remove"
-WINDOWS_ONLY = "between these windows only"
-NO_SESSION = "no session succeeded"
-NO_PAIR = "no session succeeded in both this and the baseline"
-NOT_FINITE = "not finite in"
-
-NanPolicy = Literal["propagate", "omit"]
-"""What sessions that are not finite make of a mean: NaN, or nothing.
-
-SciPy's words; here infinite ones count as well.
-"""
-
-Sessions = Float[np.ndarray, " session"]
 Cells = Float[np.ndarray, "scene session"]
-Subjects = Shaped[np.ndarray, " session"]
 
 Z95 = float(stats.norm.ppf(0.975))
 """Half-width of a normal 95 % interval, in standard errors."""
+
+WINDOWS_ONLY = "between these windows only"
 
 _NO_SPREAD = 1e-13
 """Of the sessions' size: what they differ by is rounding, and resampling would only
@@ -93,21 +81,62 @@ class Interval:
         return (self.high - self.low) / 2
 
 
-def centred(
-    x: Float[np.ndarray, "*rows session"],
-) -> tuple[Float[np.ndarray, "*rows"], Float[np.ndarray, "*rows session"]]:
-    """Mean of the finite sessions, and how far each is from it: 0 of the others.
+def normal_interval(estimate: Estimate, z: float, method: str) -> Interval:
+    """Return `z` standard errors to both sides."""
+    value, error = estimate.value, estimate.standard_error
+    step = z * error
+    return Interval(value, value - step, value + step, error, estimate.reason or method)
 
-    Both are right to rounding however far the spread lies below the mean: equal
-    sessions have exactly their mean. Of no session it is 0.
+
+def student_interval(estimate: Estimate) -> Interval:
+    """Return as many standard errors as Student's t has, for normal sessions."""
+    quantile = float(stats.t.ppf(0.975, max(estimate.count - 1, 0)))
+    return normal_interval(estimate, quantile, "Student's t over sessions")
+
+
+def interval_of(estimate: Estimate, method: str = "delta") -> Interval:
+    """Interval as the module describes: normal of many sessions, resampled of few.
+
+    **Arguments:** `method`: what to call the normal one.
+
+    **Returns:** the interval, in the estimate's unit; NaN bounds for a single session.
     """
-    known = np.isfinite(x)
-    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
-    over = lambda values: np.where(known, values, 0.0).sum(-1, keepdims=True) / count
-    mean = over(x)
-    mean = mean + over(x - mean)  # what a sum of large numbers had lost
-    rest = x - mean  # exact where they are close
-    return mean[..., 0], np.where(known, rest - over(rest), 0.0)
+    value, sample = estimate.value, estimate.resampling
+    if sample is None:  # none, or one with control variates, of many sessions
+        return normal_interval(estimate, Z95, method)
+    count = int(sample.drawn.sum())
+    suffix = f", {count} session" + "s" * (count > 1)
+    subjects = index = None
+    if sample.clusters is not None:
+        labels = np.asarray(sample.clusters)[sample.drawn]
+        subjects, index = np.unique(labels, return_inverse=True)
+        if len(subjects) < _FEW_SUBJECTS:
+            suffix += f" of {len(subjects)} subject" + "s" * (len(subjects) > 1)
+            suffix, subjects = f"{suffix}: {WINDOWS_ONLY}", None
+    if count == 1:
+        return Interval(value, math.nan, math.nan, math.nan, f"no interval{suffix}")
+    if np.abs(estimate.influences[0]).max() <= _NO_SPREAD * estimate.size:
+        return Interval(value, value, value, 0.0, f"no spread{suffix}")
+    if subjects is None and count >= _FEW_SESSIONS:
+        return normal_interval(estimate, Z95, method + suffix)
+    if subjects is None or index is None:
+        units, weights = count, _weights(count, None)
+    else:
+        units = len(subjects)
+        weights = _weights(count, index.astype(np.int64).tobytes())
+        suffix += f" of {units} subjects, both resampled"
+    if count < sample.drawn.size:
+        of_all = np.zeros((sample.drawn.size, _REPLICATES))
+        of_all[sample.drawn] = weights
+        weights = of_all
+    # Sessions without any flicker can leave a replicate that has no ratio.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        replicates = sample.replicate(weights)
+    replicates = replicates[np.isfinite(replicates)]
+    quantile = math.sqrt(units / (units - 1)) * stats.t.ppf(0.975, units - 1)
+    low, high = np.quantile(replicates, stats.norm.cdf([-quantile, quantile]))
+    error = float(np.std(replicates, ddof=1))
+    return Interval(value, float(low), float(high), error, f"bootstrap{suffix}")
 
 
 def mean_interval(
@@ -116,25 +145,8 @@ def mean_interval(
     *,
     nan_policy: NanPolicy = "propagate",
 ) -> Interval:
-    """Mean over sessions: influence `x_i - mean(x)`.
-
-    **Arguments:**
-
-    - `x`: one value per session.
-    - `clusters`: subject of each session, or None if every session is a new person.
-    - `nan_policy`: sessions that are not finite make all NaN, or are left out.
-
-    **Returns:** the interval, in the unit of `x`; NaN bounds for a single session.
-    """
-    x = np.asarray(x, float)[None]
-    if failure := _failure(x, nan_policy):
-        return _none(failure)
-    x, clusters = _finite(x, clusters)
-    if x.shape[1] == 0:
-        return _none(NO_SESSION)
-    (value,), (rest,) = centred(x)
-    statistic = lambda means: means[0]
-    return _interval(value, rest, np.abs(x[0]), x, statistic, clusters, "normal")
+    """Interval of the mean over sessions; arguments as of `mean_of`."""
+    return interval_of(mean_of(x, clusters, nan_policy=nan_policy), "normal")
 
 
 def ratio_interval(
@@ -144,9 +156,9 @@ def ratio_interval(
     *,
     nan_policy: NanPolicy = "propagate",
 ) -> Interval:
-    """Ratio of means `R = mean(x) / mean(y)`: influence `(x_i - R y_i) / mean(y)`.
+    """Interval of a ratio of means, `mean(x) / mean(y)`.
 
-    The residuals are paired, so that what moves both (a restless person) cancels.
+    Sessions are paired, so that what moves both (a restless person) cancels.
 
     **Arguments:**
 
@@ -158,21 +170,8 @@ def ratio_interval(
     **Returns:** the interval, dimensionless; NaN unless `mean(y)` exceeds
     `MIN_BASELINE_MTCD`.
     """
-    data = _paired(x, y)
-    if failure := _failure(data, nan_policy):
-        return _none(failure)
-    data, clusters = _finite(data, clusters)
-    if data.size == 0:
-        return _none(NO_PAIR)
-    (x_mean, y_mean), (dx, dy) = centred(data)
-    if not y_mean > MIN_BASELINE_MTCD:
-        return _none(NO_FLICKER)
-    value = x_mean / y_mean
-    # `x - R y`, of what is left without the means, which would cancel.
-    influence = (dx - value * dy) / y_mean
-    size = (np.abs(data[0]) + np.abs(value * data[1])) / y_mean
-    statistic = lambda means: means[0] / means[1]
-    return _interval(value, influence, size, data, statistic, clusters, "delta")
+    means = paired_means(x, y, clusters=clusters, nan_policy=nan_policy)
+    return interval_of(ratio(*means))
 
 
 def log_ratio_derivative_interval(
@@ -185,9 +184,7 @@ def log_ratio_derivative_interval(
 ) -> Interval:
     """Differentiate the logarithm of a ratio of means, `ln(mean(x) / mean(y))`.
 
-    The estimate is `mean(dx) / mean(x) - mean(dy) / mean(y)`; the influence of session
-    i on `mean(dx) / mean(x) = D` is `(dx_i - D x_i) / mean(x)`, that on the other
-    alike: one residual per session, paired over all four.
+    The estimate is `mean(dx) / mean(x) - mean(dy) / mean(y)`, paired over all four.
 
     **Arguments:**
 
@@ -199,20 +196,9 @@ def log_ratio_derivative_interval(
     **Returns:** the interval, in units of one over the parameter's; NaN unless
     `mean(x)` is positive and `mean(y)` exceeds `MIN_BASELINE_MTCD`.
     """
-    data = np.stack([np.asarray(values, float) for values in (x, y, dx, dy)])
-    if failure := _failure(data, nan_policy):
-        return _none(failure)
-    data, _ = _finite(data, None)
-    if data.shape[1] == 0:
-        return _none(NO_PAIR)
-    (x_mean, y_mean, dx_mean, dy_mean), rest = centred(data)
-    if not (x_mean > 0 and y_mean > MIN_BASELINE_MTCD):
-        return _none(NO_FLICKER)
-    of_x, of_y = dx_mean / x_mean, dy_mean / y_mean
-    weights = np.array([-of_x / x_mean, of_y / y_mean, 1 / x_mean, -1 / y_mean])
-    influence, size = weights @ rest, np.abs(weights) @ np.abs(data)
-    statistic = lambda means: means[2] / means[0] - means[3] / means[1]
-    return _interval(of_x - of_y, influence, size, data, statistic, None, "delta")
+    of_x, of_y, of_dx, of_dy = paired_means(x, y, dx, dy, nan_policy=nan_policy)
+    parts = [ratio(of_dx, of_x, above=0.0), ratio(of_dy, of_y)]
+    return interval_of(combined([1.0, -1.0], parts))
 
 
 def geometric_mean_ratio(
@@ -222,11 +208,10 @@ def geometric_mean_ratio(
     *,
     nan_policy: NanPolicy = "propagate",
 ) -> Interval:
-    """Geometric mean over scenes of `R_s = mean(x_s) / mean(y_s)`.
+    """Geometric mean over scenes of `mean(x_s) / mean(y_s)`.
 
-    Scenes are fixed and share their sessions: the influence of session i on the
-    logarithm is the mean over scenes of `(x_si - R_s y_si) / (R_s mean(y_s))`. From 50
-    sessions on, the interval is `G exp(-+ 1.96 se)`.
+    Scenes are fixed and share their sessions. From 50 sessions on, the interval is
+    `G exp(-+ 1.96 se)` with the standard error of the logarithm.
 
     **Arguments:**
 
@@ -239,112 +224,29 @@ def geometric_mean_ratio(
     **Returns:** the interval, dimensionless, over the scenes whose baseline exceeds
     `MIN_BASELINE_MTCD`; 0 if the technique removes all flicker from one of them.
     """
-    data = _paired(x, y)
-    if failure := _failure(data, nan_policy):
-        return _none(failure)
-    x, y = data
     both = np.isfinite(x) & np.isfinite(y)
-    (x_mean, y_mean), (dx, dy) = centred(np.where(both, data, np.nan))
-    has_ratio = y_mean > MIN_BASELINE_MTCD
+    failed = int(np.sum(~both.all(axis=0)))
+    if failed and nan_policy == "propagate":
+        reason = f"{NOT_FINITE} {failed} of {both.shape[1]} sessions"
+        return interval_of(none(reason))
+    pairs = list(zip(x, y, strict=True))
+    below = [paired_means(*pair, nan_policy=nan_policy)[1].value for pair in pairs]
+    has_ratio = np.array(below) > MIN_BASELINE_MTCD
     if not has_ratio.any():
-        return _none(NO_FLICKER if both.any() else NO_PAIR)
-    seen = both[has_ratio].any(axis=0)
+        return interval_of(none(NO_FLICKER if both.any() else NO_PAIR))
     # A ratio of means is a ratio of sums, to which a session left out adds 0.
-    x, y, dx, dy = (
-        np.where(both, of, 0.0)[has_ratio][:, seen] for of in (x, y, dx, dy)
-    )
-    clusters = None if clusters is None else np.asarray(clusters)[seen]
-    scenes, ratio = len(x), x_mean[has_ratio] / y_mean[has_ratio]
-    if not ratio.all():
-        bound = 0.0 if x.shape[1] > 1 else math.nan
+    seen = np.any(both[has_ratio], axis=0)
+    ratios = [
+        ratio(*paired_means(*pair, clusters=clusters, nan_policy="omit", drawn=seen))
+        for pair in itertools.compress(pairs, has_ratio)
+    ]
+    if any(r.value == 0 for r in ratios):
+        bound = 0.0 if seen.sum() > 1 else math.nan
         return Interval(0.0, bound, bound, bound, "exact: a scene without any flicker")
-    x_mean = x.mean(axis=1, keepdims=True)
-    influence = np.mean((dx - ratio[:, None] * dy) / x_mean, axis=0)
-    size = np.mean((np.abs(x) + np.abs(ratio[:, None] * y)) / x_mean, axis=0)
-    statistic = lambda means: np.mean(np.log(means[:scenes] / means[scenes:]), axis=0)
-    log = _interval(
-        np.log(ratio).mean(),
-        influence,
-        size,
-        np.concatenate([x, y]),
-        statistic,
-        clusters,
-        "delta of the logarithm",
-    )
+    log = interval_of(mean_logarithm(ratios), "delta of the logarithm")
     value = math.exp(log.value)
     error = value * log.standard_error
     return Interval(value, math.exp(log.low), math.exp(log.high), error, log.method)
-
-
-def _paired(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    if x.shape != y.shape:
-        raise ValueError(f"x and y must have one shape, got {x.shape} and {y.shape}.")
-    return np.stack([x, y])
-
-
-def _failure(data: np.ndarray, nan_policy: NanPolicy) -> str:
-    """Say how many sessions (last axis) are not finite, if that is to make all NaN."""
-    _checks.one_of("nan_policy", nan_policy, get_args(NanPolicy))
-    is_good = np.isfinite(data).all(axis=tuple(range(data.ndim - 1)))
-    if nan_policy == "omit" or is_good.all():
-        return ""
-    return f"{NOT_FINITE} {np.sum(~is_good)} of {is_good.size} sessions"
-
-
-def _finite(
-    data: np.ndarray, clusters: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Keep the sessions (last axis) that are finite in every row."""
-    keep = np.isfinite(data).all(axis=0)
-    return data[:, keep], None if clusters is None else np.asarray(clusters)[keep]
-
-
-def _none(reason: str) -> Interval:
-    return Interval(math.nan, math.nan, math.nan, math.nan, reason)
-
-
-def _interval(
-    value: float,
-    influence: np.ndarray,
-    size: np.ndarray,
-    data: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray],
-    clusters: np.ndarray | None,
-    asymptotic: str,
-) -> Interval:
-    """Interval of `statistic(means of data over sessions)`, as the module describes.
-
-    **Arguments:** `size`: of the terms that each influence is a difference of.
-    """
-    value, count = float(value), influence.size
-    suffix = f", {count} session" + "s" * (count > 1)
-    subjects = None if clusters is None else np.unique(clusters)
-    if subjects is not None and len(subjects) < _FEW_SUBJECTS:
-        suffix += f" of {len(subjects)} subject" + "s" * (len(subjects) > 1)
-        suffix, subjects = f"{suffix}: {WINDOWS_ONLY}", None
-    if count == 1:
-        return Interval(value, math.nan, math.nan, math.nan, f"no interval{suffix}")
-    if np.abs(influence).max() <= _NO_SPREAD * size.max():
-        return Interval(value, value, value, 0.0, f"no spread{suffix}")
-    if subjects is None and count >= _FEW_SESSIONS:
-        error = float(np.std(influence, ddof=1)) / math.sqrt(count)
-        step = Z95 * error
-        return Interval(value, value - step, value + step, error, asymptotic + suffix)
-    if subjects is None or clusters is None:
-        units, weights = count, _weights(count, None)
-    else:
-        units, index = len(subjects), np.searchsorted(subjects, clusters)
-        weights = _weights(count, index.astype(np.int64).tobytes())
-        suffix += f" of {units} subjects, both resampled"
-    # Sessions without any flicker can leave a replicate that has no ratio.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        replicates = statistic(data @ weights / weights.sum(axis=0))
-    replicates = replicates[np.isfinite(replicates)]
-    quantile = math.sqrt(units / (units - 1)) * stats.t.ppf(0.975, units - 1)
-    low, high = np.quantile(replicates, stats.norm.cdf([-quantile, quantile]))
-    error = float(np.std(replicates, ddof=1))
-    return Interval(value, float(low), float(high), error, f"bootstrap{suffix}")
 
 
 @functools.lru_cache(maxsize=2)

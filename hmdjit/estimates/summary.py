@@ -1,55 +1,70 @@
-"""What a study found: one row per technique and scene, and the pooled rows."""
+"""What a study found: one row per technique and scene, and the pooled rows.
+
+A study had a fixed number of sessions, or ran until a goal. Then its means are helped
+by control variates, its scenes have numbers of sessions of their own, and intervals are
+normal, as wide as the interim analysis that ended a scene asks for.
+"""
 
 import csv
 import dataclasses
-import functools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .. import _checks
 from .._files import written_atomically
-from ..studies.sampler import Cell
+from .cells import cells_of
 from .estimate import (
+    NO_FLICKER,
+    NO_PAIR,
+    NO_SESSION,
+    NOT_FINITE,
     Estimate,
+    NanPolicy,
     combined,
-    figure_of_merit,
     geometric_mean,
-    level_of_look,
-    mean_of,
-    no_ratio,
+    none,
     pairing_gain,
     ratio,
 )
-from .intervals import GEOMETRIC_MEAN as GEOMETRIC_MEAN
-from .intervals import NO_FLICKER, NO_PAIR, NO_SESSION, NOT_FINITE, Z95, NanPolicy
-from .intervals import POOLED as POOLED
-from .intervals import Interval as Interval
-from .intervals import geometric_mean_ratio as geometric_mean_ratio
-from .intervals import mean_interval as mean_interval
-from .intervals import ratio_interval as ratio_interval
+from .intervals import Z95, Interval, geometric_mean_ratio, interval_of, normal_interval
+from .planning import figure_of_merit, interim_level
 
 if TYPE_CHECKING:
     import xarray
 
+POOLED = "all"
+"""Scene of the rows that average over all scenes."""
+
+GEOMETRIC_MEAN = "geometric mean"
+"""Scene of the rows with the geometric mean of the per-scene ratios."""
+
 ONE_SESSION = "one session has no interval"
-SOME_NOT_FINITE = f"{NOT_FINITE} some sessions"
-_NO_QUANTILES = (math.nan, math.nan, math.nan)
+
+_OLD_METRICS = ("mtcd", "detail_loss")  # of files that do not say
+
+
+class MeanAndError(NamedTuple):
+    """Mean of a metric over sessions, and its standard error."""
+
+    mean: float = math.nan
+    standard_error: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
 class SummaryRow:
     """One technique in one scene; a line of `summary.csv`, columns in this order.
 
-    MTCD in code values of 8 bits, detail loss in their square. `low` and `high` bound
+    Of the study's first metric, MTCD in code values of 8 bits: `low` and `high` bound
     the mean, `q05`, `q50` and `q95` are quantiles of the sessions, `ratio` is to the
-    baseline. `interval` says how intervals were made, `note` why a number is NaN. Of a
-    study with a goal: `seconds` spent on the scene in this run, and
-    `1 / (relative error^2 x seconds)`. `pairing_gain` is by how much sharing heads and
-    tiles with the baseline divides the ratio's variance.
+    baseline. `others` are its other metrics, by name. `interval` says how intervals
+    were made, `note` why a number is NaN. Of a study with a goal: `seconds` spent on
+    the scene in this run, and `1 / (relative error^2 x seconds)`. `pairing_gain` is by
+    how much sharing heads and tiles with the baseline divides the ratio's variance.
     """
 
     technique: str
@@ -65,16 +80,23 @@ class SummaryRow:
     ratio: float = math.nan
     ratio_low: float = math.nan
     ratio_high: float = math.nan
-    detail_loss: float = math.nan
-    detail_loss_standard_error: float = math.nan
+    others: Mapping[str, MeanAndError] = dataclasses.field(default_factory=dict)
     interval: str = ""
     note: str = ""
     seconds: float = math.nan
     figure_of_merit: float = math.nan
     pairing_gain: float = math.nan
 
-
-COLUMNS = tuple(field.name for field in dataclasses.fields(SummaryRow))
+    def columns(self) -> dict[str, str | float]:
+        """Numbers by the names of their columns."""
+        found = {}
+        for name, value in vars(self).items():
+            if name != "others":
+                found[name] = value
+                continue
+            for metric, (mean, error) in self.others.items():
+                found |= {metric: mean, f"{metric}_standard_error": error}
+        return found
 
 
 def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
@@ -84,272 +106,183 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     its ratio is that of the scene-averaged means, Kim's figure. Scene `geometric mean`
     has a ratio only.
 
-    **Arguments:** `dataset`: a study's result, `mtcd` and `detail_loss` over technique,
-    scene and session; sessions that failed in a cell are NaN there. They are left out
-    where the attribute `omit_failed` is 1, as the study was told; else they make all
-    NaN that they enter. In a study with a goal one that failed for one technique
-    is left out of all, in that scene, and those that were not run, by `count`, are no
-    failures.
+    **Arguments:** `dataset`: a study's result, its metrics over technique, scene and
+    session; the attribute `metrics` names them, the first one is what ratios are of.
+    Sessions that failed in a cell are NaN there. They are left out where the attribute
+    `omit_failed` is 1, as the study was told; else they make all NaN that they enter.
+    In a study with a goal one that failed for one technique is left out of all, in that
+    scene, and those that were not run, by `count`, are no failures.
 
     **Returns:** the rows, technique by technique in the dataset's order.
 
     **Errors:** `ValueError` if the baseline is not among the techniques, or a scene is
     named like a pooled row.
     """
-    techniques = [str(t) for t in dataset["technique"].values]
-    scenes = [str(s) for s in dataset["scene"].values]
-    baseline = str(dataset.attrs.get("baseline", ""))
-    if baseline not in techniques:
-        raise ValueError(
-            f"baseline must be one of {', '.join(techniques)}, got {baseline!r}."
-        )
-    for scene in (POOLED, GEOMETRIC_MEAN):
-        if scene in scenes:
-            raise ValueError(f"scene must not be named {scene!r}: pooled rows are.")
-    order = ("technique", "scene", "session")
-    mtcd = dataset["mtcd"].transpose(*order).values.astype(float)
-    loss = dataset["detail_loss"].transpose(*order).values.astype(float)
-    # Older files do not say; they left few sessions out.
-    nan_policy: NanPolicy = (
-        "omit" if dataset.attrs.get("omit_failed", 1) else "propagate"
-    )
-    clusters = None
-    if "subject" in dataset.coords:
-        clusters = dataset["subject"].values.astype(str)
-    if "slope" in dataset:
-        if nan_policy == "omit":
-            mtcd, loss = _without_failed(dataset, mtcd, loss)
-        return _until_rows(dataset, techniques, scenes, mtcd, loss, nan_policy)
-    row_of = functools.partial(_row, clusters=clusters, nan_policy=nan_policy)
-    reference = mtcd[techniques.index(baseline)]
-    rows = []
-    for technique, x, d in zip(techniques, mtcd, loss, strict=True):
-        cells = [
-            row_of(technique, scene, *cell)
-            for scene, *cell in zip(scenes, x, reference, d, strict=True)
-        ]
-        means = (values.mean(axis=0) for values in (x, reference, d))
-        pooled = row_of(technique, POOLED, *means)
-        empty = [row.scene for row in cells if row.note in (NO_SESSION, NO_PAIR)]
+    table = _Table(dataset)
+    return [row for run in range(len(table.techniques)) for row in table.rows(run)]
+
+
+class _Table:
+    """The cells of a study, and how its kind makes rows of them."""
+
+    def __init__(self, dataset: "xarray.Dataset"):
+        self.techniques = [str(t) for t in dataset["technique"].values]
+        self.scenes = [str(s) for s in dataset["scene"].values]
+        baseline = str(dataset.attrs.get("baseline", ""))
+        _checks.one_of("baseline", baseline, self.techniques)
+        for name in {POOLED, GEOMETRIC_MEAN}.intersection(self.scenes):
+            raise ValueError(f"scene must not be named {name!r}: pooled rows are.")
+        self.baseline = self.techniques.index(baseline)
+        names = np.atleast_1d(dataset.attrs.get("metrics", _OLD_METRICS))
+        self.metrics = [str(name) for name in names]
+        # Older files do not say; they left few sessions out.
+        is_left_out = dataset.attrs.get("omit_failed", 1)
+        self.nan_policy: NanPolicy = "omit" if is_left_out else "propagate"
+        self.cells = cells_of(dataset, self.metrics)
+        # Of a study with a goal: the half-widths of its scenes' intervals.
+        self.z, self.seconds = None, np.full(len(self.scenes), math.nan)
+        if "slope" in dataset:
+            levels = [interim_level(int(look)) for look in dataset["look"].values]
+            self.z = np.array(levels)
+            if "budget_s" in dataset.attrs:
+                self.z[:] = Z95
+            self.seconds = dataset["seconds"].values.astype(float)
+            if is_left_out:
+                for cell in self.cells:
+                    cell.measured[..., cell.has_failed()] = math.nan
+
+    def rows(self, run: int) -> list[SummaryRow]:
+        """Rows of a technique: its scenes, and those pooled."""
+        rows = [self._row(run, scene, [s]) for s, scene in enumerate(self.scenes)]
+        pooled = self._row(run, POOLED, range(len(self.scenes)))
+        empty = [row.scene for row in rows if row.note in (NO_SESSION, NO_PAIR)]
         if empty:
             note = f"no session of {', '.join(empty)}"
             pooled = dataclasses.replace(pooled, note=note)
-        ratio = geometric_mean_ratio(x, reference, clusters, nan_policy=nan_policy)
-        having = sum(math.isfinite(row.ratio) for row in cells)
-        note = "" if having == len(scenes) else f"over {having} of {len(scenes)} scenes"
-        geometric = SummaryRow(
-            technique=technique,
-            scene=GEOMETRIC_MEAN,
-            sessions=int(np.isfinite(x + reference).any(axis=0).sum()),
-            ratio=ratio.value,
-            ratio_low=ratio.low,
-            ratio_high=ratio.high,
-            interval=ratio.method,
-            note=ratio.method if ratio.method.startswith(NOT_FINITE) else note,
+        return [*rows, pooled, self._geometric_mean(run, rows)]
+
+    def _means(
+        self, runs: Sequence[int], scenes: Sequence[int], metric: int = 0
+    ) -> list[Estimate]:
+        """Means of techniques over some scenes, paired.
+
+        With a fixed number of sessions they are over those that succeeded for all of
+        the techniques in all of the scenes.
+        """
+        cells, left_out = [self.cells[s] for s in scenes], None
+        if self.z is None:
+            values = np.stack([cell.measured[metric, runs] for cell in cells])
+            left_out = ~np.isfinite(values).all(axis=(0, 1))
+        share = [1 / len(cells)] * len(cells)
+        how = {"metric": metric, "left_out": left_out}
+        every = lambda run: [c.estimate(run, self.nan_policy, **how) for c in cells]
+        return [combined(share, every(run)) for run in runs]
+
+    def _interval(self, estimate: Estimate, scenes: Sequence[int]) -> Interval:
+        if self.z is None:
+            return interval_of(estimate, "normal")
+        z = float(self.z[scenes].max())
+        return normal_interval(estimate, z, f"normal, {z:.2f} standard errors")
+
+    def _row(self, run: int, scene: str, scenes: Sequence[int]) -> SummaryRow:
+        """Row of a technique over some scenes."""
+        (mean,), (base,) = (self._means([r], scenes) for r in (run, self.baseline))
+        against = ratio(*self._means([run, self.baseline], scenes))
+        others = {
+            name: self._means([run], scenes, metric)[0]
+            for metric, name in enumerate(self.metrics[1:], start=1)
+        }
+        reasons = [mean.reason, against.reason]
+        reasons += [f"{name} {x.reason}" for name, x in others.items() if x.reason]
+        note = next(filter(None, reasons), "")
+        if not note and mean.count == 1:
+            note = ONE_SESSION
+        elif not note and self.z is None and against.count < mean.count:
+            note = f"ratio over the {against.count} sessions that succeeded in both"
+        found = self._interval(mean, scenes)
+        bounds = self._interval(against, scenes)
+        q05, q50, q95 = self._quantiles(run, scene, scenes, mean)
+        seconds = float(self.seconds[scenes].sum())
+        has_clusters = self.cells[0].clusters is not None
+        return SummaryRow(
+            technique=self.techniques[run],
+            scene=scene,
+            sessions=mean.count,
+            mean=found.value,
+            standard_error=found.standard_error,
+            low=found.low,
+            high=found.high,
+            q05=q05,
+            q50=q50,
+            q95=q95,
+            ratio=bounds.value,
+            ratio_low=bounds.low,
+            ratio_high=bounds.high,
+            others={
+                name: MeanAndError(x.value, interval_of(x).standard_error)
+                for name, x in others.items()
+            },
+            interval=found.method,
+            note=note,
+            seconds=seconds,
+            figure_of_merit=figure_of_merit(mean, seconds),
+            pairing_gain=math.nan if has_clusters else pairing_gain(mean, base),
         )
-        rows += [*cells, pooled, geometric]
-    return rows
 
+    def _quantiles(
+        self, run: int, scene: str, scenes: Sequence[int], mean: Estimate
+    ) -> Sequence[float]:
+        """Quantiles of sessions, without the spread between a frame's tiles.
 
-def _without_failed(
-    dataset: "xarray.Dataset", mtcd: np.ndarray, loss: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Take out of each scene the sessions that failed for some technique."""
-    count = dataset["count"].transpose("technique", "scene").values
-    was_run = np.arange(mtcd.shape[-1]) < count[..., None]
-    failed = np.any(was_run & ~np.isfinite(mtcd + loss), axis=0)
-    return np.where(failed, np.nan, mtcd), np.where(failed, np.nan, loss)
+        How much of the variance is the sessions' own is known of a scene; by its root
+        quantiles are drawn towards the mean. NaN where nothing predicts it: then only a
+        technique without any flicker has quantiles. Scenes pooled have none where each
+        has sessions of its own.
+        """
+        values = np.mean([self.cells[s].measured[0, run] for s in scenes], axis=0)
+        values = values[np.isfinite(values)]
+        own_share = self.cells[scenes[0]].own_share[run]
+        is_apart = self.z is not None and scene == POOLED
+        is_unknown = math.isnan(own_share) and values.any()
+        if mean.reason or is_apart or is_unknown:
+            return [math.nan] * 3
+        share = 0.0 if math.isnan(own_share) else math.sqrt(own_share)
+        quantiles = np.quantile(values, [0.05, 0.5, 0.95])
+        return ((1 - share) * values.mean() + share * quantiles).tolist()
 
-
-def _until_rows(
-    dataset: "xarray.Dataset",
-    techniques: list[str],
-    scenes: list[str],
-    mtcd: np.ndarray,
-    loss: np.ndarray,
-    nan_policy: NanPolicy,
-) -> list[SummaryRow]:
-    """Rows of a study that ran until its goal: estimates with control variates."""
-    base = techniques.index(str(dataset.attrs["baseline"]))
-    order = ("technique", "scene", ...)
-    predicted = dataset["predicted"].transpose(*order).values.astype(float)
-    paths = dataset["predicted_elsewhere"].transpose(*order).values.astype(float)
-    slope = dataset["slope"].transpose("technique", "scene").values.astype(float)
-    own_share = dataset["own_share"].transpose("technique", "scene").values
-    count = dataset["count"].transpose("technique", "scene").values
-    looks = [int(look) for look in dataset["look"].values]
-    seconds = dataset["seconds"].values.astype(float)
-    is_timed = "budget_s" in dataset.attrs
-    z = [Z95 if is_timed else level_of_look(look) for look in looks]
-    columns = (mtcd, loss, predicted, paths, slope, own_share, count)
-    cells = [Cell(*(column[:, s] for column in columns)) for s in range(len(scenes))]
-    estimates = [
-        [cell.estimate(t, nan_policy) for cell in cells] for t in range(len(techniques))
-    ]
-    rows = []
-    for t, technique in enumerate(techniques):
-        losses = [loss[t, s, : count[t, s]] for s in range(len(scenes))]
-        for s, scene in enumerate(scenes):
-            done = mtcd[t, s][np.isfinite(mtcd[t, s])]
-            low, median, high = _quantiles(done, own_share[t, s])
-            if math.isnan(estimates[t][s].value):
-                low, median, high = _NO_QUANTILES
-            row = _until_row(
-                technique, scene, estimates[t][s], estimates[base][s], z[s]
-            )
-            detail = mean_interval(losses[s], nan_policy=nan_policy)
-            rows.append(
-                dataclasses.replace(
-                    row,
-                    sessions=done.size,
-                    q05=low,
-                    q50=median,
-                    q95=high,
-                    detail_loss=detail.value,
-                    detail_loss_standard_error=detail.standard_error,
-                    seconds=float(seconds[s]),
-                    figure_of_merit=figure_of_merit(estimates[t][s], float(seconds[s])),
-                    pairing_gain=pairing_gain(estimates[t][s], estimates[base][s]),
-                    note=row.note or _note_of_loss(detail.value),
-                )
-            )
-        share = [1 / len(scenes)] * len(scenes)
-        pooled, pooled_base = (combined(share, estimates[p]) for p in (t, base))
-        row = _until_row(technique, POOLED, pooled, pooled_base, max(z))
-        detail = combined(share, [mean_of(x, nan_policy=nan_policy) for x in losses])
-        rows.append(
-            dataclasses.replace(
-                row,
-                sessions=min(row.sessions for row in rows[-len(scenes) :]),
-                detail_loss=detail.value,
-                detail_loss_standard_error=detail.standard_error,
-                seconds=float(seconds.sum()),
-                pairing_gain=pairing_gain(pooled, pooled_base),
-                figure_of_merit=figure_of_merit(pooled, float(seconds.sum())),
-                note=row.note or _note_of_loss(detail.value),
-            )
-        )
-        ratios = [
-            ratio(x, y) for x, y in zip(estimates[t], estimates[base], strict=True)
-        ]
-        having = [r for r in ratios if r is not None and not r.value <= 0]
-        if having:
-            every = geometric_mean(having)
-            found = every.interval(max(z), rows[-1].interval)
-            everywhere = len(having) == len(scenes)
-            note = "" if everywhere else f"over {len(having)} of {len(scenes)} scenes"
-            note = SOME_NOT_FINITE if math.isnan(found.value) else note
+    def _geometric_mean(self, run: int, rows: Sequence[SummaryRow]) -> SummaryRow:
+        """Row of the geometric mean of a technique's ratios in its scenes."""
+        every = range(len(rows))
+        if self.z is not None:
+            ratios = [ratio(*self._means([run, self.baseline], [s])) for s in every]
+            # Helped by a control variate, an estimate may fall to 0 and below.
+            ratios = [r for r in ratios if r.reason != NO_FLICKER and not r.value <= 0]
+            known, count = len(ratios), min(row.sessions for row in rows)
+            mean = geometric_mean(ratios) if ratios else none(NO_FLICKER)
+            found = self._interval(mean, every)
         else:
-            found, note = no_ratio(), "no scene has a positive ratio"
-        rows.append(
-            SummaryRow(
-                technique=technique,
-                scene=GEOMETRIC_MEAN,
-                sessions=rows[-1].sessions,
-                ratio=found.value,
-                ratio_low=found.low,
-                ratio_high=found.high,
-                interval=found.method,
-                note=note,
-            )
+            mtcd = np.stack([cell.measured[0] for cell in self.cells], axis=1)
+            x, y = mtcd[run], mtcd[self.baseline]
+            clusters, policy = self.cells[0].clusters, self.nan_policy
+            found = geometric_mean_ratio(x, y, clusters, nan_policy=policy)
+            known = sum(math.isfinite(row.ratio) for row in rows)
+            count = int(np.isfinite(x + y).any(axis=0).sum())
+        note = "" if known == len(rows) else f"over {known} of {len(rows)} scenes"
+        if self.z is not None and not known:
+            note = "no scene has a positive ratio"
+        elif found.method.startswith(NOT_FINITE):
+            note = found.method
+        return SummaryRow(
+            technique=self.techniques[run],
+            scene=GEOMETRIC_MEAN,
+            sessions=count,
+            ratio=found.value,
+            ratio_low=found.low,
+            ratio_high=found.high,
+            others={name: MeanAndError() for name in self.metrics[1:]},
+            interval=found.method,
+            note=note,
         )
-    return rows
-
-
-def _note_of_loss(value: float) -> str:
-    return f"detail loss {SOME_NOT_FINITE}" if math.isnan(value) else ""
-
-
-def _until_row(
-    technique: str, scene: str, mean: Estimate, baseline: Estimate, z: float
-) -> SummaryRow:
-    method = f"normal, {z:.2f} standard errors"
-    found = mean.interval(z, method)
-    paired = ratio(mean, baseline)
-    against = no_ratio() if paired is None else paired.interval(z, method)
-    note = NO_FLICKER if paired is None else ""
-    if math.isnan(mean.value + baseline.value):
-        note = SOME_NOT_FINITE
-    return SummaryRow(
-        technique=technique,
-        scene=scene,
-        sessions=0,
-        mean=found.value,
-        standard_error=found.standard_error,
-        low=found.low,
-        high=found.high,
-        ratio=against.value,
-        ratio_low=against.low,
-        ratio_high=against.high,
-        interval=method,
-        note=note,
-    )
-
-
-def _quantiles(simulated: np.ndarray, own_share: float) -> tuple[float, ...]:
-    """Quantiles of sessions, without the spread between a frame's tiles.
-
-    **Arguments:** `own_share`: how much of the variance is the sessions' own; by its
-    root quantiles are drawn towards the mean. NaN where nothing predicts it: then only
-    a technique without any flicker has quantiles.
-    """
-    if simulated.size == 0 or (math.isnan(own_share) and simulated.any()):
-        return _NO_QUANTILES
-    mean = float(simulated.mean())
-    share = 0.0 if math.isnan(own_share) else math.sqrt(own_share)
-    found = np.quantile(simulated, [0.05, 0.5, 0.95])
-    return tuple(max(mean + share * (float(q) - mean), 0.0) for q in found)
-
-
-def _row(
-    technique: str,
-    scene: str,
-    x: np.ndarray,
-    baseline: np.ndarray,
-    loss: np.ndarray,
-    *,
-    clusters: np.ndarray | None,
-    nan_policy: NanPolicy,
-) -> SummaryRow:
-    mean = mean_interval(x, clusters, nan_policy=nan_policy)
-    ratio = ratio_interval(x, baseline, clusters, nan_policy=nan_policy)
-    detail = mean_interval(loss, clusters, nan_policy=nan_policy)
-    both = (mean_of(values, nan_policy=nan_policy) for values in (x, baseline))
-    gain = pairing_gain(*both)
-    finite = x[np.isfinite(x)]
-    paired = int(np.isfinite(x + baseline).sum())
-    missing = [
-        found.method for found in (mean, ratio, detail) if math.isnan(found.value)
-    ]
-    note = missing[0] if missing else ""
-    if not missing and finite.size == 1:
-        note = ONE_SESSION
-    elif not missing and paired < finite.size:
-        note = f"ratio over the {paired} sessions that succeeded in both"
-    quantiles = _NO_QUANTILES
-    if math.isfinite(mean.value):
-        quantiles = np.quantile(finite, [0.05, 0.5, 0.95])
-    q05, q50, q95 = (float(quantile) for quantile in quantiles)
-    return SummaryRow(
-        technique=technique,
-        scene=scene,
-        sessions=finite.size,
-        mean=mean.value,
-        standard_error=mean.standard_error,
-        low=mean.low,
-        high=mean.high,
-        q05=q05,
-        q50=q50,
-        q95=q95,
-        ratio=ratio.value,
-        ratio_low=ratio.low,
-        ratio_high=ratio.high,
-        detail_loss=detail.value,
-        detail_loss_standard_error=detail.standard_error,
-        interval=mean.method,
-        note=note,
-        pairing_gain=math.nan if clusters is not None else gain,
-    )
 
 
 def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:
@@ -361,7 +294,7 @@ def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:
         written_atomically(path) as unfinished,
         open(unfinished, "w", newline="", encoding="utf-8") as file,
     ):
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(dataclasses.astuple(row) for row in rows)
+        writer = csv.DictWriter(file, list(rows[0].columns()))
+        writer.writeheader()
+        writer.writerows(row.columns() for row in rows)
     return Path(path)

@@ -182,17 +182,17 @@ class Run:
             cell, plan = until.scene(name, texture, start, share)
             found.append(cell)
             plans.append(plan)
-        count = max(cell.simulated.shape[1] for cell in found)
+        count = max(cell.measured.shape[-1] for cell in found)
         self.sessions = _sessions(study, self.seed, count)
         shape = (len(study.techniques), len(study.scenes), count)
         self.mtcd, self.detail_loss = np.full((2, *shape), np.nan)
         self.ran = np.zeros(shape, bool)
         self.wide, self.rotation_deg = np.zeros(count, bool), np.zeros(count)
         for s, cell in enumerate(found):
-            size = cell.simulated.shape[1]
+            size = cell.measured.shape[-1]
             for run, mine in enumerate(places):
-                self.mtcd[mine, s, :size] = cell.simulated[run]
-                self.detail_loss[mine, s, :size] = cell.detail_loss[run]
+                self.mtcd[mine, s, :size] = cell.measured[0, run]
+                self.detail_loss[mine, s, :size] = cell.measured[1, run]
                 self.ran[mine, s, :size] = cell.was_run()[run]
         for start in range(0, count, CHUNK):
             batch = self.sessions.batch(start, CHUNK)

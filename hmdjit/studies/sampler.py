@@ -1,6 +1,5 @@
 """What is simulated and predicted of a scene, a chunk of sessions at a time."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -8,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..estimates.estimate import Estimate, control_variate
-from ..estimates.intervals import NanPolicy
+from ..estimates.cells import Cell
 from ..frames.sources import Texture
 from ..simulation.session import Result
 from ..techniques import Freeze
@@ -45,53 +43,6 @@ class Simulated(NamedTuple):
     mtcd: np.ndarray
     detail_loss: np.ndarray
     seconds: np.ndarray
-
-
-@dataclasses.dataclass
-class Cell:
-    """What was found in a scene: rows are runs (distinct techniques)."""
-
-    simulated: np.ndarray  # MTCD (runs, sessions)
-    detail_loss: np.ndarray
-    predicted: np.ndarray  # of the same tiles
-    paths: np.ndarray  # predicted elsewhere (runs, paths)
-    slope: np.ndarray  # (runs,)
-    own_share: np.ndarray  # of the sessions' variance, not the tiles' (runs,)
-    count: np.ndarray  # sessions that were simulated (runs,); NaN beyond them
-
-    @classmethod
-    def empty(cls, runs: int) -> "Cell":
-        """Nothing was found yet."""
-        none = np.zeros((runs, 0))
-        zero, unknown = np.zeros(runs), np.full(runs, np.nan)
-        return cls(none, none, none, none, zero, unknown, np.zeros(runs, int))
-
-    def was_run(self) -> np.ndarray:
-        """Which sessions were simulated, `(runs, sessions)`."""
-        return np.arange(self.simulated.shape[1]) < self.count[:, None]
-
-    def has_failed(self) -> np.ndarray:
-        """Which sessions gave some run no finite number, `(sessions,)`."""
-        is_good = np.isfinite(self.simulated + self.detail_loss)
-        return np.any(self.was_run() & ~is_good, axis=0)
-
-    def estimate(self, run: int, nan_policy: NanPolicy) -> Estimate:
-        """Mean MTCD of a run over the sessions that were simulated.
-
-        **Arguments:** `nan_policy`: of the sessions that failed. One that failed for
-        one technique is left out of all: they are paired.
-        """
-        was_run = slice(self.count[run])
-        simulated, paths = self.simulated[run, was_run], self.paths[run]
-        if nan_policy == "omit":
-            simulated = np.where(self.has_failed()[was_run], np.nan, simulated)
-        return control_variate(
-            simulated,
-            self.predicted[run, was_run],
-            paths[np.isfinite(paths)],
-            float(self.slope[run]),
-            nan_policy=nan_policy,
-        )
 
 
 class Sampler:
@@ -250,20 +201,20 @@ class SceneSampler:
     def add_sessions(self, cell: Cell, count: int, until: float) -> None:
         """Simulate sessions up to a number of them, in whole chunks."""
         sampler = self._sampler
-        while cell.simulated.shape[1] < count and time.perf_counter() < until:
-            start = cell.simulated.shape[1]
+        while cell.measured.shape[-1] < count and time.perf_counter() < until:
+            start = cell.measured.shape[-1]
             sampler.tell(start, count, self._name, "")
             batch = sampler.batch(sampler.sessions, start, CHUNK)
             if start == LEAST_SESSIONS:
-                least, most = cell.simulated.min(axis=1), cell.simulated.max(axis=1)
-                self._is_open |= least != most
+                mtcd = cell.measured[0]
+                self._is_open |= mtcd.min(axis=1) != mtcd.max(axis=1)
             if start >= LEAST_SESSIONS and not self._is_open.any():
                 break
             wanted = self._is_open | (start < LEAST_SESSIONS)
             new = self._simulated(batch, wanted)
-            cell.simulated = np.concatenate([cell.simulated, new.mtcd], axis=1)
-            cell.count = np.where(wanted, cell.simulated.shape[1], cell.count)
-            cell.detail_loss = np.concatenate([cell.detail_loss, new.detail_loss], 1)
+            measured = np.stack([new.mtcd, new.detail_loss])
+            cell.measured = np.concatenate([cell.measured, measured], axis=-1)
+            cell.count = np.where(wanted, cell.measured.shape[-1], cell.count)
             cell.predicted = np.concatenate(
                 [cell.predicted, self._predicted(batch)], axis=1
             )

@@ -2,7 +2,7 @@
 
 For each scene a pilot of a few sessions decides the estimator and how many sessions it
 will need; these are run, then looked at. Should they not do, half as many again are
-added until they do: see `estimators.level_of_look` for why looking again is allowed.
+added until they do: see `planning.interim_level` for why looking again is allowed.
 Pilot, simulated sessions and predicted paths are three ranges of session numbers, so
 that the three samples are independent, and sessions are the same for all scenes.
 """
@@ -14,22 +14,16 @@ import time
 
 import numpy as np
 
-from ..estimates.estimate import (
-    FLOOR_MTCD,
-    Estimate,
-    Need,
-    level_of_look,
-    ratio,
-    sessions_needed,
-)
-from ..estimates.intervals import MIN_BASELINE_MTCD, Z95
+from ..estimates.cells import Cell
+from ..estimates.estimate import MIN_BASELINE_MTCD, Estimate, ratio
+from ..estimates.intervals import Z95
+from ..estimates.planning import FLOOR_MTCD, Need, interim_level, sessions_needed
 from ..frames.sources import Texture
 from .failures import Failures
 from .sampler import (
     LEAST_SESSIONS,
     PILOT_SESSIONS,
     PILOT_START,
-    Cell,
     Sampler,
     SceneSampler,
 )
@@ -121,7 +115,7 @@ class Until:
                 seconds=left,
             )
         self._sampler.tell(0, plan.sessions, name, str(plan))
-        cell = Cell.empty(len(self._sampler.runs))
+        cell = Cell.plain(np.zeros((2, len(self._sampler.runs), 0)))
         cell.slope, cell.own_share = slope, own_share
         sessions, paths, look = plan.sessions, plan.paths, 0
         while True:
@@ -150,12 +144,12 @@ class Until:
         found = [(mean, FLOOR_MTCD) for mean in means]
         for run, mean in enumerate(means):
             paired = ratio(mean, base)
-            if run != self._baseline and paired is not None:
+            if run != self._baseline and not paired.reason:
                 found.append((paired, FLOOR_MTCD / base.value))
         return found
 
     def _is_reached(self, cell: Cell, look: int) -> bool:
-        z = level_of_look(look)
+        z = interim_level(look)
         return all(
             z * estimate.standard_error <= self._goal.error(estimate.value, floor)
             for estimate, floor in self.estimates(cell)
@@ -192,7 +186,7 @@ class Until:
         own_share = np.where(
             spread > 0, common / np.where(spread > 0, spread, 1), np.nan
         )
-        z = Z95 if self._goal.budget_s is not None else level_of_look(1)
+        z = Z95 if self._goal.budget_s is not None else interim_level(1)
         choices = []
         for kind, b in (
             ("simulation", np.zeros_like(slope)),
@@ -264,7 +258,7 @@ def with_controls(
     code = {"units": "code values of 255"}
     variables = {
         "predicted": ((*cell_dims, "session"), predicted, code),
-        "predicted_elsewhere": ((*cell_dims, "path"), paths, code),
+        "predicted_extra_paths": ((*cell_dims, "extra_path"), paths, code),
         "slope": (cell_dims, slope),
         "own_share": (cell_dims, own_share),
         "count": (cell_dims, count),

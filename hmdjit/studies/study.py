@@ -8,7 +8,7 @@ import equinox as eqx
 
 from .. import _checks
 from ..camera import Camera
-from ..estimates.intervals import GEOMETRIC_MEAN, POOLED
+from ..estimates.summary import GEOMETRIC_MEAN, POOLED
 from ..head_motion import HeadMotion
 from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene
