@@ -77,11 +77,11 @@ def main() -> None:
     for name, head in heads.items():
         found[name] = flicker(head, options.scenes, options.sessions)
         plain, blended = found[name]
-        spread = 1.96 * blended.detail_loss_standard_error
+        loss = blended.others["detail_loss"]
         print(
             f"{name:28} MTCD {plain.mean:.2f}, ratio {blended.ratio:.3f} "
             f"[{blended.ratio_low:.3f}, {blended.ratio_high:.3f}], detail loss "
-            f"{blended.detail_loss:.1f} +- {spread:.1f} ({blended.interval})",
+            f"{loss.mean:.1f} +- {1.96 * loss.standard_error:.1f} ({blended.interval})",
             flush=True,
         )
 
@@ -92,10 +92,9 @@ def main() -> None:
         colour = "C1" if "replayed" in name else "C0" if "fitted" in name else "C7"
         bounds = [[row.ratio - row.ratio_low], [row.ratio_high - row.ratio]]
         left.errorbar(row.ratio, place, xerr=bounds, fmt="o", capsize=3, color=colour)
-        spread = 1.96 * row.detail_loss_standard_error
-        right.errorbar(
-            row.detail_loss, place, xerr=spread, fmt="o", capsize=3, color=colour
-        )
+        loss = row.others["detail_loss"]
+        spread = 1.96 * loss.standard_error
+        right.errorbar(loss.mean, place, xerr=spread, fmt="o", capsize=3, color=colour)
     left.set_yticks(range(len(found)), list(found))
     left.invert_yaxis()
     left.set_xlabel("MTCD ratio, head movement / none")

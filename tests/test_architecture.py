@@ -72,7 +72,11 @@ FOLDERS = {
         ("simulate",),
     ],
     "theory": [("picture_statistics",), ("prediction",), ("control_variates",)],
-    "estimates": [("intervals",), ("estimate",), ("planning",), ("summary",)],
+    "estimates": [
+        ("estimate",),
+        ("intervals", "planning", "cells"),
+        ("summary",),
+    ],
     "studies": [
         ("measured_blocks", "failures", "progress"),
         ("sessions",),
@@ -109,7 +113,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("head_motion.process", "head_motion.presets"): "HeadMotion.seated() and others",
     ("head_motion.process", "head_fitting.fitting"): "HeadMotion.fit(), for users",
     ("studies.study", "studies.run"): "Study.run(), for users",
-    ("estimates.summary", "studies.sampler"): "a goal's cells, until they move",
     ("figures.curve_fitting", "reports.curve_fitting"): "words of a fit",
     ("theory.control_variates", "studies.sessions"): "a batch's type",
 }

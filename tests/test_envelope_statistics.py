@@ -5,7 +5,7 @@ import pytest
 
 from hmdjit.envelope import estimators, intervals, measuring, metrics
 from hmdjit.envelope.measuring import mp
-from hmdjit.estimates import intervals as studied
+from hmdjit.estimates import estimate as studied
 
 RUNS = [*intervals.runs(), *estimators.runs(), *metrics.runs()]
 

@@ -2,33 +2,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy import stats
 
 from hmdjit.estimates.estimate import (
-    Need,
+    NO_FLICKER,
     combined,
     control_variate,
-    figure_of_merit,
-    geometric_mean,
-    level_of_look,
     mean_of,
     pairing_gain,
     ratio,
-    sessions_needed,
 )
-from hmdjit.estimates.intervals import (
-    geometric_mean_ratio,
-    mean_interval,
-    ratio_interval,
-)
-
-
-def paired(x, y):
-    found = ratio(x, y)
-    assert found is not None
-    return found
 
 
 @pytest.fixture
@@ -38,38 +20,16 @@ def flicker(rng):
     return person * rng.uniform(0.5, 1.5, (3, 400))
 
 
-# --- without a control they are the intervals of `intervals` ---
-
-
-def test_means_and_ratios_agree_with_the_delta_method(flicker):
-    x, y, _ = (mean_of(values) for values in flicker)
-    expected = mean_interval(flicker[0])
-    assert x.value == pytest.approx(expected.value, rel=1e-14)
-    assert x.standard_error == pytest.approx(expected.standard_error, rel=1e-12)
-    expected = ratio_interval(flicker[0], flicker[1])
-    ours = paired(x, y).interval(1.959963984540054, "")
-    assert ours.value == pytest.approx(expected.value, rel=1e-14)
-    assert ours.low == pytest.approx(expected.low, rel=1e-9)
-    assert ours.high == pytest.approx(expected.high, rel=1e-9)
-
-
-def test_geometric_means_agree_with_the_delta_method(flicker):
-    scenes = np.stack([flicker, flicker[::-1]])  # (scene, technique, session)
-    ratios = [paired(mean_of(scene[0]), mean_of(scene[1])) for scene in scenes]
-    expected = geometric_mean_ratio(scenes[:, 0], scenes[:, 1])
-    ours = geometric_mean(ratios)
-    assert ours.value == pytest.approx(expected.value, rel=1e-13)
-    assert ours.standard_error == pytest.approx(expected.standard_error, rel=1e-9)
-
-
 def test_a_baseline_that_does_not_flicker_has_no_ratio(flicker):
-    assert ratio(mean_of(flicker[0]), mean_of(0.01 * flicker[1])) is None
+    found = ratio(mean_of(flicker[0]), mean_of(0.01 * flicker[1]))
+    assert found.reason == NO_FLICKER
+    assert np.isnan([found.value, found.standard_error]).all()
 
 
 def test_a_ratio_to_itself_is_exactly_1(flicker):
     x = mean_of(flicker[0])
-    assert paired(x, x).value == 1
-    assert paired(x, x).standard_error == 0
+    assert ratio(x, x).value == 1
+    assert ratio(x, x).standard_error == 0
 
 
 # --- sums know which sessions they share ---
@@ -84,16 +44,13 @@ def test_a_weighted_sum_of_means_is_the_mean_of_weighted_sums(flicker):
 
 def test_samples_of_different_length_share_the_sessions_that_both_have(rng):
     values = rng.normal(size=(2000, 200))
-    scatter = [
-        combined([0.5, 0.5], [mean_of(v), mean_of(v[:50])]).value for v in values
-    ]
-    known = [
-        combined([0.5, 0.5], [mean_of(v), mean_of(v[:50])]).standard_error
-        for v in values[:200]
-    ]
+    both = [combined([0.5, 0.5], [mean_of(v), mean_of(v[:50])]) for v in values[:100]]
+    scatter = (values.mean(axis=1) + values[:, :50].mean(axis=1)) / 2
+    np.testing.assert_allclose([one.value for one in both], scatter[:100], atol=1e-14)
     # (1/2)^2 (1/200 + 1/50 + 2/200) = 0.0935^2; a spread of 2,000 errs by 1.6 %.
-    assert np.mean(known) == pytest.approx(0.0935, rel=0.02)
-    assert np.std(scatter) == pytest.approx(np.mean(known), rel=0.08)
+    known = np.mean([one.standard_error for one in both])
+    assert known == pytest.approx(0.0935, rel=0.02)
+    assert np.std(scatter) == pytest.approx(known, rel=0.08)
 
 
 def test_a_session_that_failed_keeps_its_place(flicker):
@@ -120,7 +77,7 @@ def test_a_session_that_failed_makes_all_nan_unless_it_is_left_out(flicker):
         assert left.value == whole.value
     # Not a baseline without flicker, which has no ratio at all.
     against = ratio(mean_of(y), mean_of(x))
-    assert against is not None
+    assert against.reason == "not finite in 1 of 400 sessions"
     assert math.isnan(against.value)
 
 
@@ -137,8 +94,8 @@ def population(rng, shape, correlation=0.98, mean=3.0):
 
 @pytest.mark.parametrize("slope", [0.0, 0.8, 1.4])
 def test_a_control_variate_is_unbiased_whatever_its_slope(rng, slope):
-    simulated, predicted = population(rng, (2000, 60))
-    _, paths = population(rng, (2000, 300))
+    simulated, predicted = population(rng, (500, 60))
+    _, paths = population(rng, (500, 300))
     found = [
         control_variate(*sample, slope)
         for sample in zip(simulated, predicted, paths, strict=True)
@@ -147,8 +104,8 @@ def test_a_control_variate_is_unbiased_whatever_its_slope(rng, slope):
     error = values.std() / math.sqrt(len(values))
     assert abs(values.mean() - 3.0) < 5 * error  # false alarm 6e-7
     known = math.sqrt(np.mean([estimate.standard_error**2 for estimate in found]))
-    # The spread of 2,000 values errs by 1.6 %: 5 standard errors.
-    assert values.std() == pytest.approx(known, rel=0.08)
+    # The spread of 500 values errs by 3.2 %: 5 standard errors.
+    assert values.std() == pytest.approx(known, rel=0.16)
 
 
 def test_the_regression_slope_leaves_what_the_prediction_does_not_explain(rng):
@@ -168,53 +125,7 @@ def test_without_a_slope_predictions_do_not_count(flicker):
     assert ours.standard_error == mean_of(flicker[0]).standard_error
 
 
-# --- how many ---
-
-variance = st.floats(1e-6, 10.0)
-
-
-@given(
-    st.lists(
-        st.tuples(st.floats(1e-3, 1.0), variance, variance), min_size=1, max_size=4
-    ),
-    st.floats(1e-4, 1.0),
-    st.floats(1e-7, 1e-3),
-)
-def test_planned_numbers_suffice_and_nothing_near_is_cheaper(needs, session_s, path_s):
-    needs = [Need(*need) for need in needs]
-    n, m = sessions_needed(needs, session_s, path_s)
-
-    def suffices(n, m):
-        return all(
-            need.session_variance / n + need.path_variance / m
-            <= need.error**2 * (1 + 1e-9)
-            for need in needs
-        )
-
-    assert suffices(n, m)
-    cost = n * session_s + m * path_s
-    for share in np.geomspace(0.5, 2.0, 9):
-        other_n = max(round(share * n), 1)
-        # The fewest paths that go with so many sessions.
-        left = [need.error**2 - need.session_variance / other_n for need in needs]
-        if min(left) <= 0:
-            continue
-        fewest = max(
-            need.path_variance / rest for need, rest in zip(needs, left, strict=True)
-        )
-        # The search steps by 6 %: its minimum is flat there, plus rounding up to 1.
-        slack = session_s + path_s
-        assert cost <= 1.02 * (other_n * session_s + fewest * path_s) + slack
-
-
-def test_plain_means_need_no_paths():
-    assert sessions_needed([Need(0.1, 2.0, 0.0)], 1.0, 1e-3) == (200, 0)
-
-
-def test_looks_together_err_no_more_than_one_interval():
-    missed = [2 * stats.norm.sf(level_of_look(look)) for look in range(1, 40)]
-    assert sum(missed) == pytest.approx(0.05, rel=1e-6)
-    assert level_of_look(1) == pytest.approx(2.2414, abs=1e-4)
+# --- pairing ---
 
 
 def test_pairing_gains_what_sessions_share(rng):
@@ -261,17 +172,3 @@ def test_what_pairing_leaves_of_rounding_is_no_variance(flicker):
     y = mean_of(flicker[0])
     assert math.isnan(pairing_gain(mean_of(0.6 * flicker[0]), y))
     assert pairing_gain(mean_of(0.6 * flicker[0] + 1e-9 * flicker[1]), y) > 1e12
-
-
-def test_late_looks_keep_their_levels():
-    # 1 - 0.025 / 2^k is 1 from the 48th look on.
-    for look in (1, 30, 60, 200):
-        missed = 2 * stats.norm.sf(level_of_look(look))
-        assert missed == pytest.approx(0.05 / 2**look, rel=1e-12)
-
-
-def test_a_figure_of_merit_is_per_relative_error_and_second(flicker):
-    x = mean_of(flicker[0])
-    relative = x.standard_error / x.value
-    assert figure_of_merit(x, 4.0) == pytest.approx(1 / (4 * relative**2))
-    assert math.isnan(figure_of_merit(mean_of(np.zeros(10)), 4.0))

@@ -23,7 +23,7 @@ import scipy.optimize
 from jaxtyping import Float
 
 from .. import _checks
-from ..estimates.intervals import MIN_BASELINE_MTCD
+from ..estimates.estimate import MIN_BASELINE_MTCD
 from ..frames.sources import Texture
 from ..head_motion import HeadMotion
 from ..scenes.baking import bake

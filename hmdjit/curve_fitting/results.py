@@ -1,15 +1,14 @@
 """What fitted curves keep of flicker and of detail, and how much they gain."""
 
 import itertools
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
 from jaxtyping import Float
 
-from ..estimates.intervals import Interval
+from ..estimates.estimate import mean_of
+from ..estimates.intervals import Interval, student_interval
 from ..techniques import HeadMovement
 from .errors import Errors
 from .search import Numbers
@@ -17,11 +16,7 @@ from .space import CurveSpace
 
 
 def _mean(x: Float[np.ndarray, " sessions"]) -> Interval:
-    """Mean with Student's 95 % interval."""
-    error = float(np.std(x, ddof=1) / math.sqrt(len(x)))
-    half = float(scipy.stats.t.ppf(0.975, len(x) - 1)) * error
-    mean = float(np.mean(x))
-    return Interval(mean, mean - half, mean + half, error, "Student's t over sessions")
+    return student_interval(mean_of(x))
 
 
 def _ratio(

@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from ..estimates import estimate as estimators
-from ..estimates import intervals
-from ..estimates.estimate import Estimate, Need
-from ..estimates.intervals import MIN_BASELINE_MTCD
+from ..estimates import intervals, planning
+from ..estimates.estimate import MIN_BASELINE_MTCD, Estimate
+from ..estimates.planning import Need
 from .intervals import (
     EPS,
     NO_SPREAD,
@@ -57,7 +57,7 @@ def baselines(rng: _Rng, dtype: str, quick: bool) -> _Found:
                     )
                 ]
                 means = estimators.mean_of(x), estimators.mean_of(y)
-                has_ratio.append(estimators.ratio(*means) is not None)
+                has_ratio.append(not estimators.ratio(*means).reason)
                 wrong = sum(has != (mean > limit) for has in has_ratio)
                 worst.add(float(wrong), f"{count} sessions of {level!r}")
     return worst.found
@@ -156,7 +156,7 @@ def sessions_needed(rng: _Rng, dtype: str, quick: bool) -> _Found:
             whole = [float(rng.integers(1, 1000)) for _ in needs]
             needs = [Need(0.1, variance, 0.0) for variance in whole]
         cost = (10 ** rng.uniform(-4, 0, 2)).tolist()
-        sessions, paths = estimators.sessions_needed(needs, *cost)
+        sessions, paths = planning.sessions_needed(needs, *cost)
         for need in needs:
             error, *variances = (mp.mpf(x) for x in need.__dict__.values())
             left = variances[0] / sessions
@@ -170,14 +170,14 @@ def sessions_needed(rng: _Rng, dtype: str, quick: bool) -> _Found:
 
 
 def looks(rng: _Rng, dtype: str, quick: bool) -> _Found:
-    """Errors of `level_of_look`, eps."""
+    """Errors of `interim_level`, eps."""
     worst = Worst()
     for look in range(1, 200):
         asked = mp.mpf("0.025") / mp.mpf(2) ** look
         guess = mp.sqrt(-2 * mp.log(asked))
         excess = lambda x, asked=asked: mp.log(mp.erfc(x / mp.sqrt(2)) / 2 / asked)
         exact = mp.findroot(excess, guess)
-        ours = estimators.level_of_look(look)
+        ours = planning.interim_level(look)
         judge_one(worst, ours, exact, exact, f"look {look}")
     return worst.found
 

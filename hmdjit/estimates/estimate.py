@@ -151,12 +151,8 @@ def mean_of(
     # As a variance divides by n - 1.
     n = int(drawn.sum())  # at least `count`
     unit = math.sqrt(n / (n - 1)) / count if n > 1 else math.nan
-    terms = np.where(known, values, 0.0)
-
-    def replicate(weights: Weights) -> Replicates:
-        weights = weights[: known.size]
-        return terms @ weights / (known @ weights)
-
+    terms, end = np.where(known, values, 0.0), known.size
+    replicate = lambda weights: terms @ weights[:end] / (known @ weights[:end])
     size = unit * float(np.abs(terms).max())
     resampling = Resampling(drawn, clusters, replicate)
     return Estimate(float(mean), (unit * rest,), n, size, resampling)

@@ -104,7 +104,7 @@ def interval_of(estimate: Estimate, method: str = "delta") -> Interval:
     value, sample = estimate.value, estimate.resampling
     if sample is None:  # none, or one with control variates, of many sessions
         return normal_interval(estimate, Z95, method)
-    count = estimate.count
+    count = int(sample.drawn.sum())
     suffix = f", {count} session" + "s" * (count > 1)
     subjects = index = None
     if sample.clusters is not None:

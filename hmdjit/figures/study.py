@@ -274,15 +274,15 @@ def _flicker_detail(study: Drawing) -> Figure:
             "color": study.colour[technique],
             "marker": study.marker[technique],
         }
-        loss, mtcd = [r.detail_loss for r in cells], [r.mean for r in cells]
+        loss, mtcd = [_loss(row) for row in cells], [row.mean for row in cells]
         axes.scatter(loss, mtcd, s=14, alpha=0.3, lw=0, clip_on=False, **look)
         pooled = study.rows[technique, POOLED]
-        if math.isfinite(pooled.mean) and math.isfinite(pooled.detail_loss):
+        if math.isfinite(pooled.mean + _loss(pooled)):
             shown.append(pooled)
             axes.errorbar(
-                pooled.detail_loss,
+                _loss(pooled),
                 pooled.mean,
-                xerr=np.nan_to_num(Z95 * pooled.detail_loss_standard_error),
+                xerr=np.nan_to_num(Z95 * pooled.others["detail_loss"].standard_error),
                 yerr=np.nan_to_num(
                     [[pooled.mean - pooled.low], [pooled.high - pooled.mean]]
                 ),
@@ -296,8 +296,7 @@ def _flicker_detail(study: Drawing) -> Figure:
             )
     every = study.rows.values()
     pooled = [row for row in every if row.scene == POOLED]
-    losses = [row.detail_loss for row in every]
-    symlog(axes, "x", [row.detail_loss for row in pooled], losses)
+    symlog(axes, "x", [_loss(row) for row in pooled], [_loss(row) for row in every])
     symlog(axes, "y", [row.mean for row in pooled], [row.mean for row in every])
     axes.grid(color="#e6e6e6", lw=0.6)
     axes.set_axisbelow(True)
@@ -314,8 +313,12 @@ def _flicker_detail(study: Drawing) -> Figure:
         arrowprops={"arrowstyle": "->", "color": GREY},
     )
     points = [
-        (row.detail_loss, row.mean, study.label(name), study.colour[name])
+        (_loss(row), row.mean, study.label(name), study.colour[name])
         for name, row in ((row.technique, row) for row in shown)
     ]
     label_points(figure, axes, points)
     return figure
+
+
+def _loss(row: SummaryRow) -> float:
+    return row.others["detail_loss"].mean

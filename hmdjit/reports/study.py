@@ -13,7 +13,8 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from ..estimates.intervals import MIN_BASELINE_MTCD, NO_FLICKER, Z95
+from ..estimates.estimate import MIN_BASELINE_MTCD, NO_FLICKER
+from ..estimates.intervals import Z95
 from ..estimates.summary import (
     GEOMETRIC_MEAN,
     ONE_SESSION,
@@ -109,8 +110,9 @@ def _pooled_table(rows: Sequence[SummaryRow], baseline: str, width: int) -> Tabl
         table.add_column(header, justify="right", no_wrap=True)
     mean = _decimals([_half(row.low, row.high) for row in rows])
     ratio = min(3, _decimals([_half(row.ratio_low, row.ratio_high) for row in rows]))
-    loss = _decimals([Z95 * row.detail_loss_standard_error for row in rows])
-    for row in rows:
+    losses = [row.others["detail_loss"] for row in rows]
+    loss = _decimals([Z95 * one.standard_error for one in losses])
+    for row, lost in zip(rows, losses, strict=True):
         shown = _number(row.ratio, ratio)
         if row.ratio_low < row.ratio_high:
             shown += f" [{row.ratio_low:.{ratio}f}, {row.ratio_high:.{ratio}f}]"
@@ -123,7 +125,7 @@ def _pooled_table(rows: Sequence[SummaryRow], baseline: str, width: int) -> Tabl
             _number(row.q50, mean),
             "–".join(spread) if math.isfinite(row.q05) else "–",
             shown,
-            _with_error(row.detail_loss, Z95 * row.detail_loss_standard_error, loss),
+            _with_error(lost.mean, Z95 * lost.standard_error, loss),
             style="bold" if row.technique == baseline else "",
         )
     return table
