@@ -1,6 +1,5 @@
 """What a study found: one row per technique and scene, and the pooled rows."""
 
-import csv
 import dataclasses
 import functools
 import math
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._files import written_atomically
+from .. import _files
 from ..studies.sampler import Cell
 from .estimate import (
     Estimate,
@@ -72,9 +71,6 @@ class SummaryRow:
     seconds: float = math.nan
     figure_of_merit: float = math.nan
     pairing_gain: float = math.nan
-
-
-COLUMNS = tuple(field.name for field in dataclasses.fields(SummaryRow))
 
 
 def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
@@ -357,11 +353,4 @@ def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:
 
     **Returns:** the path. The file appears at once and whole.
     """
-    with (
-        written_atomically(path) as unfinished,
-        open(unfinished, "w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(dataclasses.astuple(row) for row in rows)
-    return Path(path)
+    return _files.write_csv(path, rows)

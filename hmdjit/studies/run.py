@@ -8,7 +8,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ from ..techniques.base import AbstractTechnique
 from ..theory.control_variates import Controls, control_of
 from .failures import Failures
 from .measured_blocks import Tiles
-from .progress import Progress
+from .progress import Progress, Tell
 from .runner import Runner
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Sampler
 from .sequential import Goal, Until, with_controls
@@ -77,7 +77,7 @@ class Run:
         seed: int,
         out: str | os.PathLike | None,
         batch_size: int,
-        progress: Callable[[Progress], None],
+        progress: Tell,
         *,
         omit_failed: bool,
     ):
@@ -165,9 +165,7 @@ class Run:
             paths,
             controls,
             self._simulated,
-            lambda done, total, doing, line: self.tell(
-                Progress(done, total, doing, 0, line)
-            ),
+            self.tell,
         )
         base = next(run for run, mine in enumerate(places) if baseline in mine)
         until = Until(goal, sampler, base, self.failures)
@@ -176,7 +174,7 @@ class Run:
             start = time.perf_counter()
             left = begun + (goal.budget_s or 0.0) - start
             self.scene_key = fingerprint(scene)
-            self.tell(Progress(0, 1, f"baking {name}", 0))
+            self.tell(Progress(0, 1, f"baking {name}"))
             texture = placed(self._bake(scene))
             share = start + left / (len(study.scenes) - s)
             cell, plan = until.scene(name, texture, start, share)

@@ -16,6 +16,7 @@ from ..techniques import Freeze
 from ..techniques.base import AbstractTechnique
 from ..theory.control_variates import Controls, control_of
 from ..theory.picture_statistics import PictureStatistics
+from .progress import Progress, Tell
 from .sessions import Batch, Sessions
 from .store import fingerprint
 
@@ -34,9 +35,6 @@ PATH_CHUNK, PATH_TILES = 2048, 2
 
 Simulate = Callable[[str, AbstractTechnique, Texture, Batch], Result]
 """Scene, technique, texture and batch to what is measured."""
-
-Tell = Callable[[int, int, str, str], None]
-"""Done, total, what is being done, and a line to print or ""."""
 
 
 class Simulated(NamedTuple):
@@ -252,7 +250,7 @@ class SceneSampler:
         sampler = self._sampler
         while cell.simulated.shape[1] < count and time.perf_counter() < until:
             start = cell.simulated.shape[1]
-            sampler.tell(start, count, self._name, "")
+            sampler.tell(Progress(start, count, self._name))
             batch = sampler.batch(sampler.sessions, start, CHUNK)
             if start == LEAST_SESSIONS:
                 least, most = cell.simulated.min(axis=1), cell.simulated.max(axis=1)
@@ -267,7 +265,7 @@ class SceneSampler:
             cell.predicted = np.concatenate(
                 [cell.predicted, self._predicted(batch)], axis=1
             )
-        sampler.tell(count, count, self._name, "")
+        sampler.tell(Progress(count, count, self._name))
 
     def add_paths(self, cell: Cell, count: int, until: float) -> None:
         """Predict paths up to a number of them, in whole chunks."""

@@ -25,6 +25,7 @@ from ..estimates.estimate import (
 from ..estimates.intervals import MIN_BASELINE_MTCD, Z95
 from ..frames.sources import Texture
 from .failures import Failures
+from .progress import Progress
 from .sampler import (
     LEAST_SESSIONS,
     PILOT_SESSIONS,
@@ -102,7 +103,7 @@ class Until:
         """
         sampler, statistics = self._sampler, None
         if sampler.controls is not None:
-            sampler.tell(0, 1, f"{name}: statistics", "")
+            sampler.tell(Progress(0, 1, f"{name}: statistics"))
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, own_share = self._plan(name, measure)
@@ -120,7 +121,7 @@ class Until:
                 paths=int(plan.paths * scale),
                 seconds=left,
             )
-        self._sampler.tell(0, plan.sessions, name, str(plan))
+        self._sampler.tell(Progress(0, plan.sessions, name, line=str(plan)))
         cell = Cell.empty(len(self._sampler.runs))
         cell.slope, cell.own_share = slope, own_share
         sessions, paths, look = plan.sessions, plan.paths, 0
@@ -165,7 +166,7 @@ class Until:
         self, name: str, measure: SceneSampler
     ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
-        self._sampler.tell(0, PILOT_SESSIONS, f"{name}: pilot", "")
+        self._sampler.tell(Progress(0, PILOT_SESSIONS, f"{name}: pilot"))
         simulated, predicted, seconds_each = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
         words = f"sessions of {name}'s pilot"

@@ -1,7 +1,7 @@
 """What a study is: scenes, techniques, a head, a display, and how much of it."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -14,7 +14,7 @@ from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
 from .measured_blocks import Measurement, Tiles
-from .progress import Progress
+from .progress import Tell
 from .sampler import CHUNK
 from .sequential import Goal
 from .sessions import Head
@@ -93,7 +93,7 @@ class Study(eqx.Module):
         tolerance: float | None = None,
         budget_s: float | None = None,
         omit_failed: bool = False,
-        progress: Callable[[Progress], None] = lambda event: None,
+        progress: Tell = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
 
