@@ -13,8 +13,7 @@ from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
 from ..reports import trade_off as trade_off_report
 from ..studies.study import Study
-from ..trade_off import choice, settings, trade_off
-from ..trade_off import measuring as measuring
+from ..trade_off import choice, measuring, settings, trade_off
 from ..trade_off.choice import Choice
 from . import definition
 from .options import OK, Fov, Head, Height, Seed, Width, check_can_write, shown
@@ -143,8 +142,9 @@ class PickCommand:
                 "name either --tolerance, e.g. 0.02, or --budget, e.g. 10s."
             )
         if self.tolerance is not None:
-            ends = {"open_low": True, "open_high": True}
-            _checks.in_range("tolerance", self.tolerance, 0, 1, **ends)
+            _checks.in_range(
+                "tolerance", self.tolerance, 0, 1, open_low=True, open_high=True
+            )
         budget = None if self.budget is None else definition.seconds(self.budget)
         rows = trade_off.read_csv(self.table)
         found = choice.candidates(rows, self.technique)
