@@ -39,8 +39,9 @@ def best(
         measure=Tiles(1, 32),
         sessions=sessions,
     )
-    tell = lambda line: print(f"{head}, {refresh_hz:g} Hz: {line}", file=sys.stderr)
-    return fit(study, CurveSpace(), tell=tell)
+    about = f"{head}, {refresh_hz:g} Hz"
+    tell = lambda event: print(f"{about}: {event.doing}", file=sys.stderr)
+    return fit(study, CurveSpace(), progress=tell)
 
 
 def short(number: float) -> str:

@@ -68,13 +68,14 @@ def whole(name: str, value: Any, low: int) -> None:
 
 
 def known_keys(keys: Iterable[str], known: Iterable[str], prefix: str = "") -> None:
-    """Raise unless all `keys` are `known`; suggests the nearest of them."""
+    """Raise unless all `keys` are `known`; suggests the nearest, or names all."""
     known = list(known)
     for key in keys:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1)
-            hint = f" Did you mean {prefix}{near[0]}?" if near else ""
-            raise ValueError(f"unknown key {prefix}{key}.{hint}")
+            hint = f"Known are {', '.join(known)}." if known else "None is known here."
+            hint = f"Did you mean {prefix}{near[0]}?" if near else hint
+            raise ValueError(f"unknown key {prefix}{key}. {hint}")
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> None:

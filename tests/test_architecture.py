@@ -15,7 +15,8 @@ PACKAGE = Path(hmdjit.__file__).parent
 # Modules and folders, from the ground up; those on one line do not know each other.
 # A line may name what is not written yet.
 LINES = [
-    ("_types", "_checks", "_files", "_toml", "_version"),
+    ("_types", "_checks", "_files", "_version"),
+    ("_toml",),
     ("quaternion",),
     ("camera",),
     ("camera_bounds",),
@@ -105,7 +106,7 @@ FOLDERS = {
     ],
     "figures": [("drawing",), ("*",)],
     "reports": [("*",)],
-    "cli": [("options", "definition"), ("*",), ("main",)],
+    "cli": [("options", "progress"), ("definition",), ("*",), ("main",)],
 }
 
 # (importer, imported): why this one import may point sideways.

@@ -14,7 +14,7 @@ from hmdjit.cli import main as cli
 from hmdjit.head_motion import presets
 from hmdjit.reports import study as report
 from hmdjit.simulation.session import Result
-from hmdjit.studies import runner as measuring
+from hmdjit.studies import failures, runner
 
 SMALL = [
     *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),
@@ -100,9 +100,10 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(measuring.Runner, "run", interrupt)
+    monkeypatch.setattr(runner.Runner, "run", interrupt)
     assert cli.run([*SMALL, "--out", str(tmp_path)]) == 130
-    assert "run the same command to go on" in capsys.readouterr().out
+    error = capsys.readouterr().err
+    assert re.fullmatch(r"hmdjit: stopped;[^\n]*run the same command[^\n]*\n", error)
 
 
 def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypatch):
@@ -111,8 +112,8 @@ def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypat
         mtcd[3] = np.nan
         return Result(mtcd, mtcd)
 
-    monkeypatch.setattr(measuring.Runner, "run", one_fails)
-    monkeypatch.setattr(measuring, "MOST_FAILED", 0.2)
+    monkeypatch.setattr(runner.Runner, "run", one_fails)
+    monkeypatch.setattr(failures, "MOST_FAILED", 0.2)
     monkeypatch.setattr(report, "write_report", lambda *_: [])
     study = [*SMALL, "--out", str(tmp_path)]
     assert cli.run(study) == 1
@@ -171,11 +172,11 @@ WRONG_STUDIES = [
         ["{bad_table}"],
         r"unknown key head_movement.wmin. Did you mean head_movement.w_mi",
     ),
-    (["{bad_type}"], r"bad_type.toml: sessions must be of type int, got 'many'"),
+    (["{bad_type}"], r"bad_type.toml: sessions must be a whole number, got 'many'"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
     (["--tiles", "4096"], r"tiles count must lie in \[1, 256\], got 4096"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
-    (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of num"),
+    (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of at"),
     (
         ["{bad_range}"],
         r"bad_range.toml: head_movement.w_min must lie in \[0, 1\], got 2",
@@ -187,7 +188,7 @@ WRONG_STUDIES = [
     (["--head", "{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--head", "{bad_key}"], r"bad_key.toml: key must be one of .* got 'sesions'"),
     (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
-    (["{bad_head}"], r"bad_head.toml: head must be of type str, got 3"),
+    (["{bad_head}"], r"bad_head.toml: head must be a string, got 3"),
     (["--out", "{beneath}"], r"out must be where files can be made.* is a file"),
 ]
 

@@ -4,9 +4,12 @@ import sys
 import tomllib
 
 import pytest
+import rich.console
 
 from hmdjit.cli import fit as cli_fit
 from hmdjit.cli import main as cli
+from hmdjit.cli.progress import Display
+from hmdjit.studies.progress import Progress
 from hmdjit.techniques import curve_file
 
 TINY = [
@@ -20,6 +23,19 @@ correlation_time_s = [0.1, 0.1, 0.1]
 tracker_noise_deg = [0.0, 0.0, 0.0]
 person_sd = 0.0
 """
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Study and held-out scenes of each fit, which is interrupted as it begins."""
+    begun = []
+
+    def begin(study, space, *, held_out, **_):
+        begun.append((study, held_out))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli_fit, "fit", begin)
+    return begun
 
 
 def _refused(arguments, out, capsys):
@@ -79,45 +95,45 @@ def test_what_does_not_flicker_is_refused(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("said", "fitted_to", "held_out"),
     [
-        ({}, 8, {"checkerboard", "noise"}),
-        ({"held_out": ("none",)}, 8, set()),
-        ({"held_out": ("cat",)}, 7, {"cat"}),
-        ({"scenes": ("cat", "text"), "held_out": ("noise",)}, 2, {"noise"}),
+        ([], 8, {"checkerboard", "noise"}),
+        (["--held-out", "none"], 8, set()),
+        (["--held-out", "cat"], 7, {"cat"}),
+        (["--scenes", "cat", "text", "--held-out", "noise"], 2, {"noise"}),
     ],
 )
-def test_scenes_are_fitted_to_or_held_out(said, fitted_to, held_out):
-    names, judges = cli_fit._scenes(cli_fit.FitCommand(**said))
-    assert len(names) == fitted_to
+def test_scenes_are_fitted_to_or_held_out(said, fitted_to, held_out, fits):
+    assert cli.run([*TINY, *said]) == 130
+    ((study, judges),) = fits
+    assert len(study.scenes) == fitted_to
     assert set(judges) == held_out
-    assert not {"almost_uniform", *judges} & set(names)
+    assert not {"almost_uniform", *judges} & set(study.scenes)
 
 
-def test_all_other_scenes_that_flicker_are_held_out():
-    names, judges = cli_fit._scenes(cli_fit.FitCommand(scenes=("cat",)))
-    assert names == ("cat",)
+def test_all_other_scenes_that_flicker_are_held_out(fits):
+    assert cli.run([*TINY, "--scenes", "cat"]) == 130
+    ((study, judges),) = fits
+    assert list(study.scenes) == ["cat"]
     assert len(judges) == 9
     assert not {"cat", "almost_uniform"} & set(judges)
 
 
-def test_an_interrupted_fit_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli_fit, "fit", interrupt)
+def test_an_interrupted_fit_says_how_to_go_on(tmp_path, capsys, fits):
     out = tmp_path / "curve.toml"
     assert cli.run([*CHECKERBOARD, "--out", str(out)]) == 130
+    assert len(fits) == 1
     error = capsys.readouterr().err
     assert re.fullmatch(r"hmdjit: stopped;[^\n]*run the same command[^\n]*\n", error)
     assert not out.exists()
 
 
 def test_lines_are_few_where_there_is_no_terminal(capsys):
-    import rich.console
-
-    with cli_fit._Line(rich.console.Console()) as tell:
+    with Display(rich.console.Console()) as display:
         for step in range(100):
-            tell(f"step {step}")
-    assert capsys.readouterr().out.split() == ["0", "s", "step", "0"]
+            line = "a plan" if step == 50 else ""
+            display(Progress(step, 100, f"step {step}", line=line))
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.split() == ["0", "s", "0", "of", "100,", "step", "0"]
+    assert second == "a plan"
 
 
 @pytest.mark.slow
@@ -133,14 +149,14 @@ def test_a_fit_goes_on_and_a_study_reads_its_curve(tmp_path, capsys, monkeypatch
     command = [*TINY, "--scenes", "checkerboard", *held_out, "--out", str(out)]
     said = []
 
-    def stop(line):
+    def stop(event):
         """Press the key while the second search is on its way."""
-        said.append(line)
+        said.append(event.doing)
         if journal.exists():
             raise KeyboardInterrupt
 
     journal = tmp_path / ".curve.toml.journal.json"
-    monkeypatch.setattr(cli_fit._Line, "__call__", lambda _, line: stop(line))
+    monkeypatch.setattr(Display, "__call__", lambda _, event: stop(event))
     assert cli.run(command) == 130
     assert journal.exists()
     assert not out.exists()
@@ -148,7 +164,8 @@ def test_a_fit_goes_on_and_a_study_reads_its_curve(tmp_path, capsys, monkeypatch
     capsys.readouterr()
 
     lines = []
-    monkeypatch.setattr(cli_fit._Line, "__call__", lambda _, line: lines.append(line))
+    keep = lambda _, event: lines.append(event.doing)
+    monkeypatch.setattr(Display, "__call__", keep)
     assert cli.run(command) == 0
     printed = capsys.readouterr().out
     assert {file.name for file in tmp_path.iterdir()} == {

@@ -77,7 +77,11 @@ class Mine(curves.Linear):
     ("technique", "about", "message"),
     [
         (HeadMovement(resolve=SSAA(2)), {}, "resolve must be None in a file, got ssaa"),
-        (HeadMovement(ease=Mine()), {}, "ease must be a curve of .* got a Mine"),
+        (
+            HeadMovement(ease=Mine()),
+            {},
+            "ease must be of the families kim, .* got a Mine",
+        ),
         (HeadMovement(), {"head_movement": {}}, "about must name other tables"),
     ],
 )
@@ -105,8 +109,14 @@ WRONG = [
     ("[head_movement]\nw_min = nan", r"w_min must lie in \[0, 1\], got nan.$"),
     ("[head_movement]\nw_min = true", "w_min must be a number, got True"),
     (f"[head_movement]\nh_max_deg_s = 1{400 * '0'}", "h_max_deg_s must be a number"),
-    ("[head_movement]\ncloseness = 0.5", "closeness must be a list of numbers, got 0."),
-    ("[head_movement]\ncloseness = ['a']", "closeness must be a list of numbers"),
+    (
+        "[head_movement]\ncloseness = 0.5",
+        "closeness must be a list of at least one number, got 0.5",
+    ),
+    (
+        "[head_movement]\ncloseness = ['a']",
+        "closeness must be a list of at least one number",
+    ),
     ("[head_movement]\nspace = 3", "space must be a string, got 3"),
     ("[head_movement]\nease = 3", "head_movement.ease must be a table with a family"),
     ("[head_movement.ease]\nexponent = 3", "ease must be a table with a family"),
@@ -186,4 +196,4 @@ def test_a_table_for_plain_head_movement_needs_one(tmp_path):
         scenes=("noise",), techniques=(f"head_movement:{tmp_path}/mine.toml", "none")
     )
     with pytest.raises(ValueError, match=re.escape("[head_movement] is set, but no")):
-        definition.build(options, {"w_min": 0.2})
+        definition.build(options, {"head_movement": {"w_min": 0.2}})

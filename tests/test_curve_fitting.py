@@ -417,7 +417,7 @@ def test_a_fit_is_on_the_front_and_resumes(study, tmp_path):
 
     space = CurveSpace("kim")
     with pytest.raises(Stopped):
-        curve_fitting.fit(study, space, journal=journal, tell=stop_in_the_middle)
+        curve_fitting.fit(study, space, journal=journal, progress=stop_in_the_middle)
     resumed = curve_fitting.fit(study, space, journal=journal)
     assert journal.exists()  # until the caller has written the result
     whole = curve_fitting.fit(study, space)

@@ -8,6 +8,7 @@ import hmdjit as hj
 from hmdjit.cli import definition
 from hmdjit.cli.definition import Options
 from hmdjit.head_motion import presets
+from hmdjit.techniques import SSAA, NoAntialiasing
 
 FEW = Options(scenes=("noise",), techniques=("none",))
 
@@ -50,6 +51,35 @@ def test_a_definition_may_leave_failed_sessions_out(tmp_path):
     assert options.omit_failed
     assert not Options().omit_failed
     assert definition.merged(options, Options()).omit_failed
+
+
+def test_a_table_named_like_a_technique_holds_its_numbers(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        "scenes = ['noise']\ntechniques = ['none', 'ssaa2', 'ssaa4']\n"
+        "[ssaa4]\nspace = 'gamma'\n"
+    )
+    study = definition.build(*definition.read_toml(path))
+    none, two, four = study.techniques
+    assert (none, two) == (NoAntialiasing(), SSAA(2))
+    assert four == SSAA(4, "gamma")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[ssaa4]\nfactor = 2", "unknown key ssaa4.factor"),
+        ("[ssaa4]\nspace = 'srgb'", "ssaa4.space must be one of gamma, linear"),
+        ("[msa4]\n", r"unknown key msa4. Did you mean msaa4\?"),
+        ("[sessions]\n", "sessions must be a whole number, got {}"),
+        ("whole_frame = 1", "whole_frame must be true or false, got 1"),
+        ("scenes = []", r"scenes must be a list of at least one string, got \[\]"),
+    ],
+)
+def test_wrong_keys_of_a_definition_are_named(text, message, tmp_path):
+    (tmp_path / "study.toml").write_text(text)
+    with pytest.raises(ValueError, match=f"study.toml: {message}"):
+        definition.read_toml(tmp_path / "study.toml")
 
 
 @pytest.mark.parametrize(

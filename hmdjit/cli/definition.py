@@ -5,7 +5,6 @@ the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 """
 
 import dataclasses
-import itertools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,92 +12,22 @@ from typing import Any
 
 from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
-from ..head_motion import HeadMotion, Trace, presets
+from ..head_motion import HeadMotion, Trace
 from ..head_motion.replay import Replay
 from ..scenes.base import AbstractScene
-from ..studies.measured_blocks import CentralCrop, Tiles, WholeFrame
+from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
 from ..studies.sequential import Goal
 from ..studies.study import Study, check_seed
-from ..techniques import HeadMovement, curve_file
+from ..techniques import curve_file
 from ..techniques.base import AbstractTechnique
+from .options import HEAD as HEAD
+from .options import TECHNIQUES
+from .options import Options as Options
 
-TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
-HEAD = "fixating"  # people told to hold their gaze; the README says why
+Tables = Mapping[str, Mapping[str, Any]]
+"""Numbers of techniques by their ids: arguments of their classes."""
 
-
-def _option(metavar: str, text: str, default: Any = None) -> Any:
-    return dataclasses.field(
-        default=default, metadata={"metavar": metavar, "help": text}
-    )
-
-
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """What a study can be told; None, or False, keeps the default."""
-
-    images: tuple[Path, ...] | None = _option(
-        "PATH...", "Flat pictures (PNG, JPEG) instead of the eleven scenes."
-    )
-    panorama: tuple[Path, ...] | None = _option(
-        "PATH...", "Equirectangular panoramas instead of the eleven scenes."
-    )
-    scenes: tuple[str, ...] | None = _option(
-        "NAME...", "Some of the eleven scenes, by name."
-    )
-    trace: tuple[Path, ...] | None = _option(
-        "CSV...", "Recorded heads (t_s,qw,qx,qy,qz) instead of the head model."
-    )
-    head: str | None = _option(
-        "NAME|TOML",
-        f"Head model: {', '.join(presets.tables())}, or a file as `hmdjit head fit` "
-        f"writes it (default: {HEAD}).",
-    )
-    techniques: tuple[str, ...] | None = _option(
-        "ID...",
-        "Techniques; head_movement:FILE.toml has its numbers and curves from a file "
-        f"(default: {' '.join(TECHNIQUES)}).",
-    )
-    baseline: str | None = _option(
-        "ID", "The technique that ratios refer to (default: msaa4, else none)."
-    )
-    sessions: int | None = _option("N", "Viewing sessions (default: 500).")
-    tolerance: float | None = _option(
-        "X", "Run until every mean and ratio is known within X, e.g. 0.01 (95 %)."
-    )
-    budget: str | None = _option(
-        "TIME", "Run for this long, e.g. 30s, 5m or 1h, and know what is known then."
-    )
-    frames: int | None = _option("N", "Measured frames, at least 2 (default: 10).")
-    warmup: int | None = _option("N", "Frames before them (default: 12).")
-    tiles: int | None = _option("N", "Tiles per session (default: 2).")
-    tile_size: int | None = _option("PX", "Side of a tile (default: 64).")
-    crop: int | None = _option(
-        "PX", "Measure a central block instead: not a sample of the frame."
-    )
-    whole_frame: bool = _option("", "Measure every pixel instead.", default=False)
-    width: int | None = _option("PX", "Width of the frame (default: 1024).")
-    height: int | None = _option("PX", "Height of the frame (default: 1024).")
-    fov: float | None = _option("DEG", "Horizontal field of view (default: 96).")
-    refresh: float | None = _option(
-        "HZ", "Refresh rate (default: 60, or the traces' own)."
-    )
-    oversampling: int | None = _option(
-        "N", "Texels per display pixel and axis: 1, 2 or 4 (default: 2)."
-    )
-    margin: float | None = _option(
-        "DEG", "How far a head may turn from where it started (default: 6)."
-    )
-    omit_failed: bool = _option(
-        "",
-        "Leave out sessions that fail, at most 1 % of them, instead of stopping.",
-        default=False,
-    )
-    seed: int | None = _option("N", "Seed of all random draws (default: 0).")
-    out: Path | None = _option(
-        "DIR", "Folder for everything written (default: hmdjit-study)."
-    )
-
-
+_OPTIONS = tuple(field.name for field in dataclasses.fields(Options))
 # Options that exclude each other; those in one bracket go together.
 _RIVALS = (
     (("tiles", "tile_size"), ("crop",), ("whole_frame",)),
@@ -108,32 +37,34 @@ _RIVALS = (
 )
 
 
-def read_toml(path: Path) -> tuple[Options, dict[str, Any]]:
-    """Read a STUDY.toml: the keys of `Options` and a `[head_movement]` table.
+def read_toml(path: Path) -> tuple[Options, Tables]:
+    """Read a STUDY.toml: the keys of `Options`, and tables named by techniques' ids.
 
-    Relative paths in it are relative to the file. The table becomes arguments of
-    `techniques.HeadMovement`.
+    Relative paths in it are relative to the file.
 
     **Errors:** `ValueError` naming the file, and the key with the nearest known one.
     """
-    content = _toml.read(path)
-    table = content.pop("head_movement", {})
-    kinds = {field.name: str(field.type) for field in dataclasses.fields(Options)}
+    content, folder = _toml.read(path), path.parent
+    tables = {id: content.pop(id) for id in techniques.IDS if id in content}
     try:
-        _checks.known_keys(content, kinds)
-        parameters = curve_file.parameters(table)
+        _checks.known_keys(content, [*_OPTIONS, *techniques.IDS])
+        values = _toml.arguments(Options, content)
+        numbers = {
+            id: curve_file.parameters(techniques.by_id(id), table)
+            for id, table in tables.items()
+        }
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    values = {
-        key: _convert(path, key, kinds[key], value) for key, value in content.items()
-    }
-    if "head" in values and is_head_file(path.parent / values["head"]):
-        values["head"] = str(path.parent / values["head"])
+    for name in ("images", "panorama", "trace"):
+        if name in values:
+            values[name] = tuple(folder / file for file in values[name])
+    if "out" in values:
+        values["out"] = folder / values["out"]
+    if "head" in values and is_head_file(folder / values["head"]):
+        values["head"] = str(folder / values["head"])
     if "techniques" in values:
-        values["techniques"] = tuple(
-            _beside(path.parent, id) for id in values["techniques"]
-        )
-    return Options(**values), parameters
+        values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
+    return Options(**values), numbers
 
 
 def _beside(folder: Path, id: str) -> str:
@@ -142,68 +73,45 @@ def _beside(folder: Path, id: str) -> str:
     return f"{family}:{folder / path}" if colon else id
 
 
-def _convert(path: Path, key: str, kind: str, value: Any) -> Any:
-    """Bring a TOML value to its option's type."""
-    single, is_list = kind.removesuffix(" | None"), "tuple" in kind
-    if is_list:
-        value = [value] if isinstance(value, str) else value
-        is_list_of_strings = isinstance(value, list) and all(
-            isinstance(v, str) for v in value
-        )
-        if not is_list_of_strings or not value:
-            raise ValueError(
-                f"{path}: {key} must be a list of at least one string, got {value!r}."
-            )
-        return tuple(path.parent / v if "Path" in kind else v for v in value)
-    types = {"int": int, "float": (int, float), "bool": bool, "str": str, "Path": str}
-    name = next(name for name in types if name in single.split(".")[-1])
-    # In Python a bool is an int, in TOML it is not.
-    if not isinstance(value, types[name]) or isinstance(value, bool) != (
-        name == "bool"
-    ):
-        raise ValueError(f"{path}: {key} must be of type {name}, got {value!r}.")
-    if name == "Path":
-        return path.parent / value
-    return float(value) if name == "float" else value
-
-
 def merged(low: Options, high: Options) -> Options:
     """Return `low`, overridden by what `high` says; a rival of that is dropped too."""
-    said = _said(high)
-    default = dataclasses.asdict(Options())
+    said, kept = high.said(), low.said()
     for rivals in _RIVALS:
-        names = {name: default[name] for name in itertools.chain(*rivals)}
+        names = {name for way in rivals for name in way}
         if said.keys() & names:
-            low = dataclasses.replace(low, **names)
-    return dataclasses.replace(low, **said)
+            kept = {name: value for name, value in kept.items() if name not in names}
+    return Options(**kept | said)
 
 
-def _said(options: Options) -> dict[str, Any]:
-    said = dataclasses.asdict(options).items()
-    return {k: value for k, value in said if value is not None and value is not False}
-
-
-def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> Study:
+def build(options: Options, tables: Tables | None = None) -> Study:
     """Make the study that some options describe.
 
-    **Arguments:** `head_movement`: parameters of `techniques.HeadMovement`, for those
-    that are not read from files.
+    **Arguments:** `tables`: numbers of techniques that are not read from files.
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
     """
-    names = {"sessions", "frames", "warmup", "oversampling"}
-    numbers = {key: value for key, value in _said(options).items() if key in names}
-    if options.margin is not None:
-        numbers["margin_deg"] = options.margin
-    _refuse_rivals(options)
+    said = options.said()
+    for rivals in _RIVALS:
+        ways = [names[0] for names in rivals if said.keys() & set(names)]
+        if len(ways) > 1:
+            raise ValueError(
+                f"{' and '.join(ways)} exclude each other: name one of them."
+            )
+    names = {"sessions", "frames", "warmup", "oversampling", "margin"}
+    numbers = {key: said[key] for key in names & said.keys()}
+    if "margin" in numbers:
+        numbers["margin_deg"] = numbers.pop("margin")
     check_seed(options.seed or 0)
     # Numbers are checked before files are read: wrong ones are told at once.
     for name, low in (("sessions", 1), ("frames", 2), ("warmup", 0)):
         _checks.whole(name, numbers.get(name, low), low)
-    camera = _camera(options)
+    units = {"width": "px", "height": "px", "fov": "deg", "refresh": "hz"}
+    camera = Camera(
+        **{f"{k}_{unit}": said[k] for k, unit in units.items() if k in said}
+    )
     measure = _measure(options)
     measure.block_size(camera)
-    chosen = _techniques(options, dict(head_movement or {}))
+    chosen = _techniques(options, tables or {})
     ids = [technique.id for technique in chosen]
     default = "msaa4" if "msaa4" in ids else "none" if "none" in ids else ids[0]
     return Study(
@@ -217,23 +125,7 @@ def build(options: Options, head_movement: Mapping[str, Any] | None = None) -> S
     )
 
 
-def _refuse_rivals(options: Options) -> None:
-    said = _said(options).keys()
-    for rivals in _RIVALS:
-        ways = [names[0] for names in rivals if said & set(names)]
-        if len(ways) > 1:
-            raise ValueError(
-                f"{' and '.join(ways)} exclude each other: name one of them."
-            )
-
-
-def _camera(options: Options) -> Camera:
-    units = {"width": "px", "height": "px", "fov": "deg", "refresh": "hz"}
-    said = _said(options)
-    return Camera(**{f"{key}_{units[key]}": said[key] for key in units if key in said})
-
-
-def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
+def _measure(options: Options) -> Measurement:
     if options.whole_frame:
         return WholeFrame()
     if options.crop is not None:
@@ -245,50 +137,35 @@ def _measure(options: Options) -> Tiles | WholeFrame | CentralCrop:
     return Tiles(**{name: value for name, value in said.items() if value is not None})
 
 
-def _techniques(
-    options: Options, head_movement: dict[str, Any]
-) -> list[AbstractTechnique]:
+def _techniques(options: Options, tables: Tables) -> list[AbstractTechnique]:
     chosen = [techniques.by_id(id) for id in options.techniques or TECHNIQUES]
-    if not head_movement:
-        return chosen
-    if not any(isinstance(t, HeadMovement) and not t.label for t in chosen):
-        raise ValueError(
-            "[head_movement] is set, but no such technique is in the study."
-        )
-    try:
-        HeadMovement(**head_movement)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"[head_movement] does not fit: {error}") from None
-    return [
-        HeadMovement(**head_movement, resolve=technique.resolve)
-        if isinstance(technique, HeadMovement) and not technique.label
-        else technique
-        for technique in chosen
-    ]
+    for name, numbers in tables.items():
+        # What resolves samples is not of the table; what is read from a file has its
+        # own numbers.
+        places = [i for i, t in enumerate(chosen) if t.id.partition("+")[0] == name]
+        if numbers and not places:
+            raise ValueError(f"[{name}] is set, but no such technique is in the study.")
+        for place in places:
+            chosen[place] = dataclasses.replace(chosen[place], **numbers)
+    return chosen
 
 
 def _scenes(options: Options) -> dict[str, AbstractScene]:
     files = [
-        (reader, path)
-        for reader, paths in (
-            (scenes.Photograph.read, options.images),
-            (scenes.Panorama.read, options.panorama),
-        )
-        for path in paths or ()
+        *((scenes.Photograph.read, path) for path in options.images or ()),
+        *((scenes.Panorama.read, path) for path in options.panorama or ()),
     ]
     if files:
-        chosen = {}
+        chosen: dict[str, AbstractScene] = {}
         for reader, path in files:
             if path.stem in chosen:
                 raise ValueError(f"images must differ in name, got {path.stem} twice.")
             chosen[path.stem] = reader(path)
         return chosen
     everything = scenes.study_set()
-    if options.scenes is None:
-        return everything
-    for name in options.scenes:
+    for name in options.scenes or ():
         _checks.one_of("scenes", name, everything)
-    return {name: everything[name] for name in options.scenes}
+    return {name: everything[name] for name in options.scenes or everything}
 
 
 def goal(options: Options, study: Study) -> Goal:

@@ -3,13 +3,14 @@
 import dataclasses
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import rich.console
-import tyro
 
+from ..studies.progress import Progress
 from ..studies.study import check_seed
-from .options import check_can_write, shown
+from .options import FAILED, OK, check_can_write, shown
+from .progress import Display
 
 _FOLDER = Path("hmdjit-envelope")
 
@@ -23,16 +24,13 @@ class EnvelopeCommand:
     Takes a few minutes; `--quick` less than one.
     """
 
-    quick: Annotated[
-        bool, tyro.conf.FlagCreatePairsOff, shown("", "Fewer inputs, shorter runs.")
-    ] = False
-    seed: Annotated[int, shown("N", "Seed of all inputs (default: 0).")] = 0
-    out: Annotated[
-        Path, shown("DIR", f"Folder for what is written (default: {_FOLDER}).")
-    ] = _FOLDER
+    quick: Annotated[bool, shown("", "Fewer inputs, shorter runs.")] = False
+    seed: Annotated[int, shown("N", "Seed of all inputs")] = 0
+    out: Annotated[Path, shown("DIR", "Folder for what is written")] = _FOLDER
 
-
-COMMANDS: dict[str, Any] = {"envelope": EnvelopeCommand}
+    def run(self, console: rich.console.Console) -> int:
+        """Measure, print, write and draw; an unmet bound is a failure."""
+        return OK if run(self, console) else FAILED
 
 
 def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
@@ -48,25 +46,18 @@ def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
     from ..envelope import measuring
     from ..reports import envelope as report
 
-    start, names = time.monotonic(), set()
-
-    def say(row: measuring.Row) -> None:
-        if row.name not in names:
-            names.add(row.name)
-            seconds = time.monotonic() - start
-            console.print(f"{seconds:5.0f} s  {row.name}", highlight=False)
-
-    rows = report.measured(seed=command.seed, quick=command.quick, progress=say)
+    start = time.monotonic()
+    with Display(console) as display:
+        rows = report.measured(
+            seed=command.seed,
+            quick=command.quick,
+            progress=lambda row: display(Progress(doing=row.name)),
+        )
     console.print(report.table(rows, console.width))
-    explanation = report.explanation(rows)
-    console.print(explanation, highlight=False, soft_wrap=True)
+    console.out(report.explanation(rows))
     file = measuring.write_csv(rows, command.out / "envelope.csv")
     points = 49 if command.quick else 121
     picture = report.write_figure(file.with_suffix(".png"), command.seed, points)
     seconds = time.monotonic() - start
-    console.print(
-        f"Wrote {file} and {picture} after {seconds:.0f} s.",
-        highlight=False,
-        soft_wrap=True,
-    )
+    console.out(f"Wrote {file} and {picture} after {seconds:.0f} s.")
     return all(row.holds for row in rows)

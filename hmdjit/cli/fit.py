@@ -1,7 +1,6 @@
 """The command line's `hmdjit fit`."""
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +17,19 @@ from ..studies.measured_blocks import Tiles
 from ..studies.study import Study
 from ..techniques import curve_file
 from . import definition
-from .options import Fov, Height, Seed, Width, files_beside, shown
+from .options import (
+    OK,
+    Fov,
+    Frames,
+    Head,
+    Height,
+    Seed,
+    Warmup,
+    Width,
+    files_beside,
+    shown,
+)
+from .progress import Display
 
 SESSIONS = 64
 HELD_OUT = ("checkerboard", "noise")
@@ -26,7 +37,6 @@ FLAT = "almost_uniform"
 """The one of the eleven scenes that has no flicker to remove."""
 
 _NONE = "none"
-_SECONDS_BETWEEN_LINES = 10.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,22 +66,12 @@ class FitCommand:
             f"{FLAT}).",
         ),
     ] = None
-    head: Annotated[
-        str | None, shown("NAME|TOML", f"Head model (default: {definition.HEAD}).")
-    ] = None
-    family: Annotated[
-        str, shown("NAME", f"Ease curves: {', '.join(FAMILIES)} (default: kim).")
-    ] = "kim"
-    samples: Annotated[
-        int, shown("N", f"Past samples, 1 to {MOST_SAMPLES} (default: 1).")
-    ] = 1
+    head: Head = None
+    family: Annotated[str, shown("NAME", f"Ease curves: {', '.join(FAMILIES)}")] = "kim"
+    samples: Annotated[int, shown("N", f"Past samples, 1 to {MOST_SAMPLES}")] = 1
     localization: Annotated[
         str,
-        shown(
-            "NAME",
-            f"How colour difference counts: {', '.join(LOCALIZATIONS)} (default: "
-            "linear).",
-        ),
+        shown("NAME", f"How colour difference counts: {', '.join(LOCALIZATIONS)}"),
     ] = "linear"
     detail_loss: Annotated[
         float | None,
@@ -81,80 +81,66 @@ class FitCommand:
             "et al.'s constants).",
         ),
     ] = None
-    lag: Annotated[
-        float, shown("WEIGHT", "Weight of the lag after a quick turn (default: 0).")
-    ] = 0.0
+    lag: Annotated[float, shown("WEIGHT", "Weight of the lag after a quick turn")] = 0.0
     sessions: Annotated[
-        int,
-        shown(
-            "N", f"Sessions, at least {LEAST_SESSIONS}, one tile (default: {SESSIONS})."
-        ),
+        int, shown("N", f"Sessions, at least {LEAST_SESSIONS}, one tile")
     ] = SESSIONS
-    frames: Annotated[int | None, shown("N", "Measured frames (default: 10).")] = None
-    warmup: Annotated[int | None, shown("N", "Frames before them (default: 12).")] = (
-        None
-    )
+    frames: Frames = None
+    warmup: Warmup = None
     refresh: Annotated[float | None, shown("HZ", "Refresh rate (default: 60).")] = None
     width: Width = None
     height: Height = None
     fov: Fov = None
     seed: Seed = 0
-    out: Annotated[
-        Path,
-        shown("TOML", "File for the curve, pictures beside it (default: curve.toml)."),
-    ] = Path("curve.toml")
-
-
-COMMANDS: dict[str, Any] = {"fit": FitCommand}
-
-
-def run(command: FitCommand, console: rich.console.Console) -> None:
-    """Fit a curve; write it, draw it and say what it gains."""
-    pictures = files_beside(command.out, ".toml", ".png", "-front.png")
-    space = CurveSpace(command.family, command.samples, command.localization)
-    _checks.whole("sessions", command.sessions, LEAST_SESSIONS)
-    _checks.in_range("lag", command.lag, 0)
-    if command.detail_loss is not None:
-        _checks.in_range("detail-loss", command.detail_loss, 0, open_low=True)
-    fitted_to, held_out = _scenes(command)
-    study = _study(command, fitted_to)
-    camera = study.display
-    console.print(
-        f"{len(study.scenes)} scenes x {study.sessions} sessions of {study.warmup} + "
-        f"{study.frames} frames, {camera.width_px} x {camera.height_px} px, "
-        f"{camera.fov_deg:g} deg, {camera.refresh_hz:.4g} Hz; head "
-        f"{command.head or definition.HEAD}; {space.size} numbers to find.",
-        highlight=False,
-        soft_wrap=True,
+    out: Annotated[Path, shown("TOML", "File for the curve, pictures beside it")] = (
+        Path("curve.toml")
     )
-    journal = command.out.with_name(f".{command.out.name}.journal.json")
-    try:
-        with _Line(console) as tell:
-            found = fit(
-                study,
-                space,
-                detail_loss=command.detail_loss,
-                lag_weight=command.lag,
-                held_out=held_out,
-                seed=command.seed,
-                journal=journal,
-                tell=tell,
-            )
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            "stopped; finished searches are kept: run the same command to go on."
-        ) from None
-    about = _about(command, study, tuple(held_out))
-    table = report.provenance(found, about, command.lag)
-    # The curve comes last: where it is, its pictures are.
-    footer = _footer(about)
-    figures.write_curve(found, pictures[0], footer)
-    figures.write_front(found, pictures[1], footer)
-    curve_file.write(command.out, found.technique, about={"fit": table})
-    journal.unlink(missing_ok=True)
-    _print(found, command, console)
-    paths = ", ".join(map(str, (command.out, *pictures)))
-    console.print(f"Wrote {paths}.", highlight=False, soft_wrap=True)
+
+    def run(self, console: rich.console.Console) -> int:
+        """Fit a curve; write it, draw it and say what it gains."""
+        pictures = files_beside(self.out, ".toml", ".png", "-front.png")
+        space = CurveSpace(self.family, self.samples, self.localization)
+        _checks.whole("sessions", self.sessions, LEAST_SESSIONS)
+        _checks.in_range("lag", self.lag, 0)
+        if self.detail_loss is not None:
+            _checks.in_range("detail-loss", self.detail_loss, 0, open_low=True)
+        fitted_to, held_out = _scenes(self)
+        study = _study(self, fitted_to)
+        about = _about(self, study, tuple(held_out))
+        console.out(
+            f"{len(study.scenes)} scenes x {study.sessions} sessions of "
+            f"{study.warmup} + {study.frames} frames, {about['width_px']} x "
+            f"{about['height_px']} px, {about['fov_deg']:g} deg, "
+            f"{about['refresh_hz']:.4g} Hz; head {about['head']}; {space.size} numbers "
+            "to find."
+        )
+        journal = self.out.with_name(f".{self.out.name}.journal.json")
+        try:
+            with Display(console) as display:
+                found = fit(
+                    study,
+                    space,
+                    detail_loss=self.detail_loss,
+                    lag_weight=self.lag,
+                    held_out=held_out,
+                    seed=self.seed,
+                    journal=journal,
+                    progress=display,
+                )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                "stopped; finished searches are kept: run the same command to go on."
+            ) from None
+        # The curve comes last: where it is, its pictures are.
+        footer = _footer(about)
+        figures.write_curve(found, pictures[0], footer)
+        figures.write_front(found, pictures[1], footer)
+        table = report.provenance(found, about, self.lag)
+        curve_file.write(self.out, found.technique, about={"fit": table})
+        journal.unlink(missing_ok=True)
+        _print(found, console)
+        console.out(f"Wrote {', '.join(map(str, (self.out, *pictures)))}.")
+        return OK
 
 
 def _scenes(command: FitCommand) -> tuple[tuple[str, ...], dict[str, AbstractScene]]:
@@ -232,43 +218,15 @@ def _footer(about: dict[str, Any]) -> str:
     )
 
 
-def _print(found: CurveFit, command: FitCommand, console: rich.console.Console) -> None:
-    say = lambda text: console.print(text, highlight=False, soft_wrap=True)
+def _print(found: CurveFit, console: rich.console.Console) -> None:
     console.print(report.numbers_table(found))
-    say(f"Search: {found.why}; {found.steps} curves measured.")
-    say(report.gain_sentence(found))
+    console.out(f"Search: {found.why}; {found.steps} curves measured.")
+    console.out(report.gain_sentence(found))
     for where, kept in (
         ("the scenes that were fitted to", found.kept),
         ("held-out scenes", found.kept_elsewhere),
     ):
         if kept:
-            say(f"\nHeld-out sessions of {where}:")
+            console.out(f"\nHeld-out sessions of {where}:")
             console.print(report.kept_table(kept))
-            say(report.pair_sentence(kept))
-
-
-class _Line:
-    """Progress of a fit: one line on a terminal, a line now and then elsewhere."""
-
-    def __init__(self, console: rich.console.Console):
-        self._console, self._status = console, console.status("preparing")
-        self._start = time.monotonic()
-        self._last_line = -_SECONDS_BETWEEN_LINES
-
-    def __enter__(self) -> "_Line":
-        if self._console.is_terminal:
-            self._status.__enter__()
-        return self
-
-    def __exit__(self, *exception: Any) -> None:
-        if self._console.is_terminal:
-            self._status.__exit__(*exception)
-
-    def __call__(self, line: str) -> None:
-        seconds = time.monotonic() - self._start
-        words = f"{seconds:5.0f} s  {line}"
-        if self._console.is_terminal:
-            self._status.update(words)
-        elif seconds - self._last_line > _SECONDS_BETWEEN_LINES:
-            self._last_line = seconds
-            print(f"  {words}", flush=True)
+            console.out(report.pair_sentence(kept))

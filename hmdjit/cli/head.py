@@ -21,7 +21,7 @@ from ..reports import head as head_report
 from ..studies.sessions import study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
-from .options import files_beside, shown
+from .options import OK, files_beside, shown
 
 _RATES_HZ = (5.0, 2000.0)
 _MOST_FRAMES = 10**7
@@ -139,6 +139,11 @@ class HeadCommand:
     """How heads move: fit a model to recordings, describe them, sample a model."""
 
     command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[Command]]
+
+    def run(self, console: rich.console.Console) -> int:
+        """Run its command."""
+        run(self.command, console)
+        return OK
 
 
 def run(command: Fit | Describe | Sample, console: rich.console.Console) -> None:

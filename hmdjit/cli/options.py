@@ -1,21 +1,136 @@
-"""Options that several commands share, and how the help presents them."""
+"""Options that several commands share, those of a study above all."""
 
+import dataclasses
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from ..head_motion import presets
+
+OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes; a bound that does not hold, and sessions that fail, have failed."""
+
+TECHNIQUES = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+HEAD = "fixating"  # people told to hold their gaze; the README says why
+
 
 def shown(metavar: str | None, text: str) -> Any:
-    """Present an option by a metavar and a sentence, which says its default."""
-    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
+    """Present an option: its metavar, a sentence, and its default unless that does."""
+    says_it = "(default" in text
+    hint = lambda d: "" if says_it or d in ("None", "False") else f"(default: {d})"
+    return tyro.conf.arg(metavar=metavar or None, help=text, help_behavior_hint=hint)
 
 
+Head = Annotated[
+    str | None,
+    shown(
+        "NAME|TOML",
+        f"Head model: {', '.join(presets.tables())}, or a file as `hmdjit head fit` "
+        f"writes it (default: {HEAD}).",
+    ),
+]
+Frames = Annotated[int | None, shown("N", "Measured frames, at least 2 (default: 10).")]
+Warmup = Annotated[int | None, shown("N", "Frames before them (default: 12).")]
 Width = Annotated[int | None, shown("PX", "Width of the frame (default: 1024).")]
 Height = Annotated[int | None, shown("PX", "Height of the frame (default: 1024).")]
 Fov = Annotated[float | None, shown("DEG", "Horizontal field of view (default: 96).")]
-Seed = Annotated[int, shown("N", "Seed of all random draws (default: 0).")]
+Seed = Annotated[int, shown("N", "Seed of all random draws")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a study can be told; None, or False, keeps the default."""
+
+    images: Annotated[
+        tuple[Path, ...] | None,
+        shown("PATH...", "Flat pictures (PNG, JPEG) instead of the eleven scenes."),
+    ] = None
+    panorama: Annotated[
+        tuple[Path, ...] | None,
+        shown("PATH...", "Equirectangular panoramas instead of the eleven scenes."),
+    ] = None
+    scenes: Annotated[
+        tuple[str, ...] | None, shown("NAME...", "Some of the eleven scenes, by name.")
+    ] = None
+    trace: Annotated[
+        tuple[Path, ...] | None,
+        shown("CSV...", "Recorded heads (t_s,qw,qx,qy,qz) instead of the head model."),
+    ] = None
+    head: Head = None
+    techniques: Annotated[
+        tuple[str, ...] | None,
+        shown(
+            "ID...",
+            "Techniques; head_movement:FILE.toml has its numbers and curves from a "
+            f"file (default: {' '.join(TECHNIQUES)}).",
+        ),
+    ] = None
+    baseline: Annotated[
+        str | None,
+        shown("ID", "The technique that ratios refer to (default: msaa4, else none)."),
+    ] = None
+    sessions: Annotated[int | None, shown("N", "Viewing sessions (default: 500).")] = (
+        None
+    )
+    tolerance: Annotated[
+        float | None,
+        shown(
+            "X", "Run until every mean and ratio is known within X, e.g. 0.01 (95 %)."
+        ),
+    ] = None
+    budget: Annotated[
+        str | None,
+        shown(
+            "TIME",
+            "Run for this long, e.g. 30s, 5m or 1h, and know what is known then.",
+        ),
+    ] = None
+    frames: Frames = None
+    warmup: Warmup = None
+    tiles: Annotated[int | None, shown("N", "Tiles per session (default: 2).")] = None
+    tile_size: Annotated[int | None, shown("PX", "Side of a tile (default: 64).")] = (
+        None
+    )
+    crop: Annotated[
+        int | None,
+        shown("PX", "Measure a central block instead: not a sample of the frame."),
+    ] = None
+    whole_frame: Annotated[bool, shown("", "Measure every pixel instead.")] = False
+    width: Width = None
+    height: Height = None
+    fov: Fov = None
+    refresh: Annotated[
+        float | None, shown("HZ", "Refresh rate (default: 60, or the traces' own).")
+    ] = None
+    oversampling: Annotated[
+        int | None,
+        shown("N", "Texels per display pixel and axis: 1, 2 or 4 (default: 2)."),
+    ] = None
+    margin: Annotated[
+        float | None,
+        shown("DEG", "How far a head may turn from where it started (default: 6)."),
+    ] = None
+    omit_failed: Annotated[
+        bool,
+        shown(
+            "",
+            "Leave out sessions that fail, at most 1 % of them, instead of stopping.",
+        ),
+    ] = False
+    seed: Annotated[
+        int | None, shown("N", "Seed of all random draws (default: 0).")
+    ] = None
+    out: Annotated[
+        Path | None,
+        shown("DIR", "Folder for everything written (default: hmdjit-study)."),
+    ] = None
+
+    def said(self) -> dict[str, Any]:
+        """Name what differs from the default."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(Options)}
+        return {k: v for k, v in values.items() if v is not None and v is not False}
 
 
 def check_can_write(folder: Path) -> None:

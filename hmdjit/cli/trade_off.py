@@ -2,9 +2,8 @@
 
 import dataclasses
 import shlex
-import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import rich.console
 import tyro
@@ -14,11 +13,11 @@ from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
 from ..reports import trade_off as trade_off_report
 from ..studies.study import Study
-from ..trade_off import choice, settings, trade_off
-from ..trade_off import measuring as measuring
+from ..trade_off import choice, measuring, settings, trade_off
 from ..trade_off.choice import Choice
 from . import definition
-from .options import Fov, Height, Seed, Width, check_can_write, shown
+from .options import OK, Fov, Head, Height, Seed, Width, check_can_write, shown
+from .progress import Display
 
 SCENE = "text"  # its hard edges show what textures do; photographs are their texels
 TECHNIQUE = "head_movement"
@@ -43,32 +42,73 @@ class TradeOffCommand:
     images: Annotated[
         Path | None, shown("PATH", "A flat picture (PNG, JPEG) instead.")
     ] = None
-    head: Annotated[
-        str | None,
-        shown("NAME|TOML", f"Head model (default: {definition.HEAD})."),
-    ] = None
+    head: Head = None
     technique: Annotated[
         tuple[str, ...],
-        shown("ID...", f"Techniques to turn all knobs with (default: {TECHNIQUE})."),
+        shown("ID...", "Techniques to turn all knobs with"),
     ] = (TECHNIQUE,)
     sessions: Annotated[
         int | None,
         shown("N", f"Sessions of each setting (default: {_SESSIONS})."),
     ] = None
-    seconds: Annotated[
-        float, shown("S", "Time at which total errors are told (default: 10).")
-    ] = 10.0
+    seconds: Annotated[float, shown("S", "Time at which total errors are told")] = 10.0
     quick: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool],
-        shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds."),
+        bool, shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds.")
     ] = False
     width: Width = None
     height: Height = None
     fov: Fov = None
     seed: Seed = 0
-    out: Annotated[
-        Path, shown("DIR", f"Folder for what is written (default: {_CSV.parent}).")
-    ] = _CSV.parent
+    out: Annotated[Path, shown("DIR", "Folder for what is written")] = _CSV.parent
+
+    def run(self, console: rich.console.Console) -> int:
+        """Measure, print and draw; an interruption keeps what is measured."""
+        _checks.in_range("seconds", self.seconds, 0, open_low=True)
+        sessions = self.sessions
+        if sessions is None:
+            sessions = _QUICK_SESSIONS if self.quick else _SESSIONS
+        _checks.whole("sessions", sessions, 2)
+        study, study_options = _study(self)
+        chosen, also = settings.single_knobs(study), []
+        if self.quick:
+            chosen = [one for one in chosen if one.name in settings.QUICK]
+        else:
+            chosen = [*chosen, *settings.combinations(study)]
+            also = [techniques.by_id(id) for id in _ALSO]
+        cases, misfits = settings.cases(
+            study, chosen, also=also, is_with_samples=not self.quick
+        )
+        file = self.out / _CSV.name
+        check_can_write(self.out)
+        for name in misfits:
+            console.out(f"Left out: {name} does not fit the camera.")
+        console.out(
+            f"Scene {next(iter(study.scenes))}: {len(cases)} settings and techniques x "
+            f"{sessions} sessions, one after the other. Rows go to {file} as they come."
+        )
+        rows = []
+        try:
+            with Display(console) as display:
+                for row in measuring.measure(
+                    study,
+                    cases,
+                    seed=self.seed,
+                    sessions=sessions,
+                    study_options=study_options,
+                    progress=display,
+                ):
+                    rows.append(row)
+                    trade_off.write_csv(rows, file)
+        except KeyboardInterrupt:
+            kept = f"{len(rows)} of {len(cases)} rows are kept in {file}"
+            raise KeyboardInterrupt(
+                f"stopped; {kept if rows else 'no row was finished'}."
+            ) from None
+        console.print(trade_off_report.table(rows, self.seconds, console.width))
+        console.out(trade_off_report.explanation(rows), style="dim")
+        picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
+        console.out(f"Wrote {file} and {picture}.")
+        return OK
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,72 +131,30 @@ class PickCommand:
     ] = None
     table: Annotated[
         Path,
-        tyro.conf.arg(
-            name="from",
-            metavar="CSV",
-            help=f"Table of `hmdjit trade-off` (default: {_CSV}).",
-            help_behavior_hint="",
-        ),
+        tyro.conf.arg(name="from"),
+        shown("CSV", "Table of `hmdjit trade-off`"),
     ] = _CSV
 
-
-COMMANDS: dict[str, Any] = {"trade-off": TradeOffCommand, "pick": PickCommand}
-
-
-def measure(command: TradeOffCommand, console: rich.console.Console) -> None:
-    """Measure, print and draw a trade-off; an interruption keeps what is measured."""
-    _checks.in_range("seconds", command.seconds, 0, open_low=True)
-    sessions = command.sessions
-    if sessions is None:
-        sessions = _QUICK_SESSIONS if command.quick else _SESSIONS
-    _checks.whole("sessions", sessions, 2)
-    study, study_options = _study(command)
-    single = settings.single_knobs(study)
-    if command.quick:
-        chosen = [one for one in single if one.name in settings.QUICK]
-        also = []
-    else:
-        chosen = [*single, *settings.combinations(study)]
-        also = [techniques.by_id(id) for id in _ALSO]
-    cases, misfits = settings.cases(
-        study, chosen, also=also, is_with_samples=not command.quick
-    )
-    file = command.out / _CSV.name
-    check_can_write(command.out)
-    for name in misfits:
-        console.print(f"Left out: {name} does not fit the camera.", highlight=False)
-    console.print(
-        f"Scene {next(iter(study.scenes))}: {len(cases)} settings and techniques x "
-        f"{sessions} sessions, one after the other. Rows go to {file} as they come.",
-        highlight=False,
-        soft_wrap=True,
-    )
-    say, rows = _Lines(console), []
-    try:
-        for row in measuring.measure(
-            study,
-            cases,
-            seed=command.seed,
-            sessions=sessions,
-            study_options=study_options,
-            progress=say,
-        ):
-            rows.append(row)
-            trade_off.write_csv(rows, file)
-    except KeyboardInterrupt:
-        kept = (
-            f"{len(rows)} of {len(cases)} rows are kept in {file}"
-            if rows
-            else "no row was finished"
-        )
-        console.print(f"\nStopped: {kept}.", highlight=False, soft_wrap=True)
-        raise
-    console.print(trade_off_report.table(rows, command.seconds, console.width))
-    console.print(
-        trade_off_report.explanation(rows), highlight=False, soft_wrap=True, style="dim"
-    )
-    picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
-    console.print(f"Wrote {file} and {picture}.", highlight=False, soft_wrap=True)
+    def run(self, console: rich.console.Console) -> int:
+        """Choose a setting, and print how to run it."""
+        if (self.tolerance is None) == (self.budget is None):
+            raise ValueError(
+                "name either --tolerance, e.g. 0.02, or --budget, e.g. 10s."
+            )
+        if self.tolerance is not None:
+            _checks.in_range(
+                "tolerance", self.tolerance, 0, 1, open_low=True, open_high=True
+            )
+        budget = None if self.budget is None else definition.seconds(self.budget)
+        rows = trade_off.read_csv(self.table)
+        found = choice.candidates(rows, self.technique)
+        if budget is not None:
+            chosen = choice.pick_budget(found, budget)
+        else:
+            assert self.tolerance is not None
+            chosen = choice.pick_tolerance(found, self.tolerance)
+        _print_choice(chosen, console)
+        return OK
 
 
 def _study(command: TradeOffCommand) -> tuple[Study, str]:
@@ -187,55 +185,20 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
     return definition.build(options), shlex.join(words)
 
 
-class _Lines:
-    """A line for each step that takes long, with the time since the start."""
-
-    def __init__(self, console: rich.console.Console):
-        self._console, self._start = console, time.monotonic()
-
-    def __call__(self, event: measuring.Progress) -> None:
-        seconds = time.monotonic() - self._start
-        self._console.print(
-            f"{seconds:5.0f} s  {event.done:2d} of {event.total}  {event.doing}",
-            highlight=False,
-            soft_wrap=True,
-        )
-
-
-def pick(command: PickCommand, console: rich.console.Console) -> None:
-    """Choose a setting, and print how to run it."""
-    if (command.tolerance is None) == (command.budget is None):
-        raise ValueError("name either --tolerance, e.g. 0.02, or --budget, e.g. 10s.")
-    if command.tolerance is not None:
-        _checks.in_range(
-            "tolerance", command.tolerance, 0, 1, open_low=True, open_high=True
-        )
-    budget = None if command.budget is None else definition.seconds(command.budget)
-    rows = trade_off.read_csv(command.table)
-    found = choice.candidates(rows, command.technique)
-    if budget is not None:
-        chosen = choice.pick_budget(found, budget)
-    else:
-        assert command.tolerance is not None
-        chosen = choice.pick_tolerance(found, command.tolerance)
-    _print_choice(chosen, console)
-
-
 def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
     first = chosen.rows[0]
     compile_s = sum(row.compile_s for row in chosen.rows) + first.bake_s
-    say = lambda text: console.print(text, highlight=False, soft_wrap=True)
-    say(f"Setting: {chosen.setting} ({first.identity.scene}).")
-    say(
+    console.out(f"Setting: {chosen.setting} ({first.identity.scene}).")
+    console.out(
         f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
         f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
         f"{100 * chosen.error:.2g} % of MTCD (95 %)."
     )
     for row in chosen.rows:
         bias, error = (100 * x / row.reference_mtcd for x in (row.bias, row.bias_se))
-        say(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
+        console.out(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
     names = " ".join(row.technique for row in chosen.rows)
-    say(
+    console.out(
         f"hmdjit study {first.identity.study_options} {first.setting_options} "
         f"--techniques {names} --sessions {chosen.sessions}"
     )

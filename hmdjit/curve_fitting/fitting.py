@@ -13,7 +13,7 @@ sessions were drawn: `errors` says how much that is.
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -31,6 +31,7 @@ from ..scenes.base import AbstractScene
 from ..simulation.session import fastest_reading
 from ..simulation.sharding import mesh, placed
 from ..studies.measured_blocks import Tiles
+from ..studies.progress import Progress, Tell
 from ..studies.run import MODEL_VERSION
 from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
@@ -57,8 +58,6 @@ _BOUND_TOLERANCE = 2e-3  # by how much a bound on the detail loss may be passed
 _TOLERANCE = 5e-3  # of a search, before Newton's step
 _DIFFERENCE = 0.02  # step of the differences that give curvatures, logits
 
-Tell = Callable[[str], None]
-
 
 def fit(
     study: Study,
@@ -69,7 +68,7 @@ def fit(
     held_out: Mapping[str, AbstractScene] | None = None,
     seed: int = 0,
     journal: Path | None = None,
-    tell: Tell = lambda line: None,
+    progress: Tell = lambda event: None,
 ) -> CurveFit:
     """Fit a curve: the least flicker at no more than a given loss of detail.
 
@@ -84,11 +83,11 @@ def fit(
     - `held_out`: scenes that are measured at the end but not fitted to.
     - `journal`: file in which finished searches are kept, to go on from; for the
       caller to remove once the result is safe.
-    - `tell`: called with a line about each step.
+    - `progress`: called before each step.
 
     **Errors:** `NoFitError`, a `ValueError`, where no curve can be fitted.
     """
-    fitter = _Fitter(study, space, lag_weight, seed, journal, tell)
+    fitter = _Fitter(study, space, lag_weight, seed, journal, progress)
     return fitter.fit(detail_loss, dict(held_out or {}))
 
 
@@ -157,7 +156,7 @@ class _Fitter:
         )
 
     def _texture(self, name: str, scene: AbstractScene) -> Texture:
-        self.tell(f"baking {name}")
+        self.tell(Progress(doing=f"baking {name}"))
         turn = TURN_DEG if self.lag_weight else 0.0
         texture = bake(
             scene,
@@ -218,10 +217,11 @@ class _Fitter:
             self._measured[name] = np.stack(found), np.stack(slopes)
             mean = self._measured[name][0].mean(axis=(0, 1))
             lag = f", lag {mean[2]:.3f}" if len(mean) > 2 else ""
-            self.tell(
+            doing = (
                 f"step {len(self._measured)}: flicker {mean[0]:.3f}, "
                 f"detail loss {mean[1]:.3f}{lag} of no anti-aliasing"
             )
+            self.tell(Progress(doing=doing))
         return self._measured[name]
 
     def linearized(self, point: Numbers, weight: float) -> tuple[np.ndarray, ...]:
@@ -361,12 +361,12 @@ class _Fitter:
         for weight in FRONT_WEIGHTS:
             self.along_front(weight, known)
         weight = self.bounded(bound, known)
-        self.tell("measuring how sure the curve is")
+        self.tell(Progress(doing="measuring how sure the curve is"))
         point, sure = self.polished(
             known[weight].point, weight, bound * (1 + _BOUND_TOLERANCE)
         )
 
-        self.tell("measuring held-out sessions")
+        self.tell(Progress(doing="measuring held-out sessions"))
         technique = self.space.concrete(point)
         named = (*self.plain, technique)
         ids = (*(t.id for t in self.plain), "fitted")

@@ -8,7 +8,6 @@ picture with a hole. It measures one error by itself. Both become rows with a st
 bound.
 """
 
-import csv
 import dataclasses
 import math
 import zlib
@@ -22,7 +21,7 @@ import mpmath
 import numpy as np
 from mpmath import mp
 
-from .._files import written_atomically
+from .. import _files
 
 DIGITS = 300
 DTYPES = ("float32", "float64")
@@ -338,9 +337,6 @@ def describe(arguments: Inputs) -> str:
 
 def write_csv(rows: Sequence[Row], path: Path) -> Path:
     """Write all rows, whole or not at all."""
-    with written_atomically(path) as unfinished, open(unfinished, "w", newline="") as f:
-        table = csv.writer(f)
-        table.writerow([*Row._fields, "holds"])
-        for row in rows:
-            table.writerow([*row, row.holds])
-    return path
+    return _files.write_csv(
+        path, [{**row._asdict(), "holds": row.holds} for row in rows]
+    )

@@ -5,18 +5,14 @@ by control variates, its scenes have numbers of sessions of their own, and inter
 normal, as wide as the interim analysis that ended a scene asks for.
 """
 
-import csv
 import dataclasses
 import math
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .. import _checks
-from .._files import written_atomically
 from .cells import cells_of
 from .estimate import (
     NO_FLICKER,
@@ -286,15 +282,5 @@ class _Table:
 
 
 def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:
-    """Write rows as comma-separated values (RFC 4180), numbers to the last digit.
-
-    **Returns:** the path. The file appears at once and whole.
-    """
-    with (
-        written_atomically(path) as unfinished,
-        open(unfinished, "w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, list(rows[0].columns()))
-        writer.writeheader()
-        writer.writerows(row.columns() for row in rows)
-    return Path(path)
+    """Write rows; see `_files.write_csv`."""
+    return _files.write_csv(path, [row.columns() for row in rows])

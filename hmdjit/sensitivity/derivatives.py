@@ -21,7 +21,7 @@ frame. For head movement, 22 frames and a halo of 16 px, 3.2 MB for a tile of 32
 7.2 MB for one of 64 (26.9 and 60.9 MB without computing frames again, and no faster).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -47,7 +47,7 @@ from ..simulation.sharding import mesh, over_devices, placed, program
 from ..simulation.simulate import check_texture
 from ..studies.failures import FailedSessionsError
 from ..studies.measured_blocks import Measurement, Tiles
-from ..studies.progress import Progress
+from ..studies.progress import Progress, Tell
 from ..studies.runner import Runner, regions
 from ..studies.sessions import Batch, Sessions, session_keys, study_key
 from ..studies.study import check_seed
@@ -97,7 +97,7 @@ def differentiate(
     seed: int,
     measure: Measurement | None = None,
     batch_size: int = 16,
-    progress: Callable[[Progress], None] = lambda event: None,
+    progress: Tell = lambda event: None,
 ) -> SessionDerivatives:
     """MTCD of each session and its derivatives; see `sensitivities`."""
     camera = parameters.camera

@@ -10,17 +10,16 @@ the delta method's interval, which from 50 sessions on costs nothing and does no
 on a resampling's seed; fewer sessions are resampled (`intervals`).
 """
 
-import csv
 import dataclasses
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from .._files import written_atomically
+from .. import _files
 from ..camera import Camera
 from ..estimates.intervals import (
     Interval,
@@ -31,7 +30,7 @@ from ..frames.sources import Texture
 from ..head_motion import HeadMotion
 from ..scenes.base import AbstractScene
 from ..studies.measured_blocks import Measurement
-from ..studies.progress import Progress
+from ..studies.progress import Tell
 from ..techniques import NoAntialiasing
 from ..techniques.base import AbstractTechnique
 from .derivatives import Parameters, SessionDerivatives, differentiate
@@ -102,7 +101,7 @@ def sensitivities(
     baseline: AbstractTechnique | None = None,
     measure: Measurement | None = None,
     batch_size: int = 16,
-    progress: Callable[[Progress], None] = lambda event: None,
+    progress: Tell = lambda event: None,
 ) -> Sensitivities:
     """Differentiate the ratio of a technique's MTCD to the baseline's.
 
@@ -198,11 +197,5 @@ def write_csv(found: Sensitivities, path: str | os.PathLike) -> Path:
 
     **Returns:** the path. The file appears at once and whole.
     """
-    with (
-        written_atomically(path) as unfinished,
-        open(unfinished, "w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow((*Row._fields, "about"))
-        writer.writerows((*row, found.about) for row in found.rows())
-    return Path(path)
+    rows = [row._asdict() | {"about": found.about} for row in found.rows()]
+    return _files.write_csv(path, rows)

@@ -1,19 +1,25 @@
-"""What a study says of how far it is."""
+"""What a study, a fit or a measurement says of how far it is."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 
 class Progress(NamedTuple):
-    """What a study is doing, told before and after each batch.
+    """What is being done, told before and after whatever takes long.
 
-    - `done`, `total`: session-scene-technique runs, those found on disk included.
+    - `done`, `total`: of a study, session-scene-technique runs, those found on disk
+      included; of a trade-off, cases. A total of 0 is not known.
     - `doing`: in words.
     - `fresh`: runs computed in this call, not found on disk.
     - `line`: something to print and keep, as a plan.
     """
 
-    done: int
-    total: int
-    doing: str
-    fresh: int
+    done: int = 0
+    total: int = 0
+    doing: str = ""
+    fresh: int = 0
     line: str = ""
+
+
+Tell = Callable[[Progress], None]
+"""Takes each event, to show it."""

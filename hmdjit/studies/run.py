@@ -28,7 +28,7 @@ from .definition import StudyDefinition
 from .failures import Failures
 from .identity import MODEL_VERSION, attributes
 from .measured_blocks import Tiles
-from .progress import Progress
+from .progress import Progress, Tell
 from .runner import Runner
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
@@ -56,7 +56,7 @@ class Run:
         seed: int,
         out: str | os.PathLike | None,
         batch_size: int,
-        progress: Callable[[Progress], None],
+        progress: Tell,
         *,
         omit_failed: bool,
     ):

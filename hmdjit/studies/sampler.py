@@ -13,7 +13,7 @@ from ..techniques.base import AbstractTechnique
 from ..techniques.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from ..theory.picture_statistics import PictureStatistics
-from .progress import Progress
+from .progress import Progress, Tell
 from .sessions import Batch, Sessions
 from .store import fingerprint
 
@@ -34,8 +34,6 @@ Measured = Float[np.ndarray, "metric run session"]
 
 Simulate = Callable[[str, Texture, Batch], Measured]
 """Scene, texture and batch to what is measured of all runs."""
-
-Tell = Callable[[Progress], None]
 
 
 class Sampler:
@@ -162,7 +160,7 @@ class SceneSampler:
         sampler = self._sampler
         while cell.measured.shape[-1] < count and time.perf_counter() < until:
             start = cell.measured.shape[-1]
-            sampler.tell(Progress(start, count, self._name, start))
+            sampler.tell(Progress(start, count, self._name))
             if start == LEAST_SESSIONS:
                 headline = cell.measured[0]
                 self._is_open |= headline.min(axis=1) != headline.max(axis=1)
@@ -176,7 +174,7 @@ class SceneSampler:
             cell.predicted = np.concatenate(
                 [cell.predicted, self._predicted(batch)], axis=1
             )
-        sampler.tell(Progress(count, count, self._name, count))
+        sampler.tell(Progress(count, count, self._name))
 
     def add_paths(self, cell: Cell, count: int, until: float) -> None:
         """Predict paths up to a number of them, in whole chunks."""

@@ -105,7 +105,7 @@ class Until:
         """
         sampler, statistics = self._sampler, None
         if sampler.controls is not None:
-            sampler.tell(Progress(0, 1, f"{name}: statistics", 0))
+            sampler.tell(Progress(0, 1, f"{name}: statistics"))
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, own_share = self._plan(name, measure)
@@ -123,7 +123,7 @@ class Until:
                 paths=int(plan.paths * scale),
                 seconds=left,
             )
-        sampler.tell(Progress(0, plan.sessions, name, 0, str(plan)))
+        sampler.tell(Progress(0, plan.sessions, name, line=str(plan)))
         cell = Cell.plain(np.zeros((self._metrics, len(sampler.runs), 0)))
         cell.slope, cell.own_share = slope, own_share
         sessions, paths, analysis = plan.sessions, plan.paths, 0
@@ -168,7 +168,7 @@ class Until:
         self, name: str, measure: SceneSampler
     ) -> tuple[ScenePlan, np.ndarray, np.ndarray]:
         """Let a pilot choose the estimator and the numbers of sessions and paths."""
-        self._sampler.tell(Progress(0, PILOT_SESSIONS, f"{name}: pilot", 0))
+        self._sampler.tell(Progress(0, PILOT_SESSIONS, f"{name}: pilot"))
         (simulated, *_), predicted, session_seconds = measure.pilot()
         good = np.isfinite(simulated).all(axis=0)
         words = f"sessions of {name}'s pilot"

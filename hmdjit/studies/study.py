@@ -1,13 +1,12 @@
 """A Monte Carlo study of flicker, as users define and run it."""
 
 import os
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from .. import _checks
 from ..head_motion import HeadMotion
 from .definition import StudyDefinition, check_seed
-from .progress import Progress
+from .progress import Tell
 from .run import Run
 from .sampler import CHUNK
 from .sequential import Goal
@@ -42,7 +41,7 @@ class Study(StudyDefinition):
         tolerance: float | None = None,
         budget_s: float | None = None,
         omit_failed: bool = False,
-        progress: Callable[[Progress], None] = lambda event: None,
+        progress: Tell = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
 

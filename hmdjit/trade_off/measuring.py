@@ -14,7 +14,7 @@ import contextlib
 import math
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -23,6 +23,7 @@ import numpy as np
 from .. import _checks
 from .._version import __version__
 from ..simulation.session import Result
+from ..studies.progress import Progress, Tell
 from ..studies.run import MODEL_VERSION
 from ..studies.study import Study, check_seed
 from .bench import Bench
@@ -30,14 +31,6 @@ from .settings import REFERENCE, Case, Setting
 from .trade_off import Identity, Row
 
 _AT_ONCE = 4  # programs compiled before they are timed
-
-
-class Progress(NamedTuple):
-    """What is being measured: cases done, all of them, and what is being done."""
-
-    done: int
-    total: int
-    doing: str
 
 
 class _Measured(NamedTuple):
@@ -54,7 +47,7 @@ def measure(
     seed: int = 0,
     sessions: int = 48,
     study_options: str = "",
-    progress: Callable[[Progress], None] = lambda event: None,
+    progress: Tell = lambda event: None,
 ) -> Iterator[Row]:
     """Measure cases of a study of one scene, and give a row as soon as it is known.
 

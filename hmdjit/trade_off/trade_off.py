@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._files import written_atomically
+from .. import _files
 from ..estimates.intervals import Z95
 
 
@@ -163,24 +163,11 @@ _READ: dict[Any, Callable[[str], Any]] = {
 }
 _OWN = [field for field in dataclasses.fields(Row) if field.name != "identity"]
 _SHARED = dataclasses.fields(Identity)
-COLUMNS = tuple(field.name for field in (*_OWN, *_SHARED))
 
 
 def write_csv(rows: Sequence[Row], path: str | os.PathLike) -> Path:
-    """Write rows, each with its identity, numbers to the last digit.
-
-    **Returns:** the path. The file appears at once and whole.
-    """
-    with (
-        written_atomically(path) as unfinished,
-        open(unfinished, "w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        for row in rows:
-            values = dataclasses.asdict(row)
-            writer.writerow(values | values.pop("identity"))
-    return Path(path)
+    """Write rows, each with its identity; see `_files.write_csv`."""
+    return _files.write_csv(path, rows)
 
 
 def read_csv(path: str | os.PathLike) -> list[Row]:

@@ -1,0 +1,79 @@
+"""The command line's `hmdjit study`: the main job."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import rich.console
+import tyro
+
+from ..head_motion.replay import Replay
+from ..reports import study as report
+from . import definition
+from .options import HEAD, OK, Options, check_can_write, shown
+from .progress import Display
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyCommand(Options):
+    """Simulate viewing sessions; report how much each technique flickers.
+
+    Needs no arguments: eleven scenes, 500 sessions of people who fixate, no
+    anti-aliasing, MSAA 4x and head movement, the frozen picture as a control and SSAA
+    as the reference. An interrupted study goes on where it stopped when the same
+    command is run again.
+    """
+
+    definition: Annotated[
+        tyro.conf.Positional[Path | None],
+        shown("[STUDY.toml]", "File with any of the options below as keys."),
+    ] = None
+
+    def run(self, console: rich.console.Console) -> int:
+        """Run the study; write, draw and print what it found."""
+        options, tables = Options(), {}
+        if self.definition is not None:
+            options, tables = definition.read_toml(self.definition)
+        options = definition.merged(options, self)
+        study = definition.build(options, tables)
+        goal = definition.goal(options, study)
+        out = options.out or Path("hmdjit-study")
+        check_can_write(out)
+
+        camera = study.display
+        is_replay = isinstance(study.head, Replay)  # its windows are counted later
+        sessions = f"{'at most ' if is_replay else ''}{study.sessions} sessions"
+        if goal.tolerance is not None:
+            sessions = (
+                f"sessions until all is known within {100 * goal.tolerance:g} %, each"
+            )
+        elif goal.budget_s is not None:
+            sessions = f"sessions for {goal.budget_s:g} s, each"
+        head = "" if is_replay else f"{options.head or HEAD}, "
+        console.out(
+            f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
+            f"{sessions} of {study.warmup} + {study.frames} frames, "
+            f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
+            f"{camera.refresh_hz:.4g} Hz.\n"
+            f"Head: {head}{study.head}.\n"
+            "Compiling each technique when it first runs; finished batches are kept in "
+            f"{out}."
+        )
+        try:
+            with Display(console) as display:
+                dataset = study.run(
+                    options.seed or 0,
+                    out=out,
+                    progress=display,
+                    tolerance=goal.tolerance,
+                    budget_s=goal.budget_s,
+                    omit_failed=options.omit_failed,
+                )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                "stopped; finished batches are kept: run the same command to go on."
+            ) from None
+        written = report.write_report(dataset, out)
+        report.print_table(dataset, console=console)
+        console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
+        return OK
