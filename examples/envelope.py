@@ -31,12 +31,12 @@ def worst(rows: Sequence[Row], value: str, bound: str) -> str:
     if not found:
         return ""
     row = max(found, key=lambda row: float(row[value]))
-    return f"{float(row[value]):.2g} ({float(row[bound]):.3g})"
+    return f"{float(row[value]):.2g} ({float(row[bound]):.4g})"
 
 
 def table(rows: Sequence[Row]) -> str:
     """Lay out a row for each module, unit and dtype."""
-    keys = dict.fromkeys((module(row), row["unit"], row["dtype"]) for row in rows)
+    keys = sorted({(module(row), row["unit"], row["dtype"]) for row in rows})
     cells = []
     for name, unit, dtype in keys:
         one = [
@@ -83,7 +83,7 @@ def main() -> None:
         f"must not happen at all; seed {rows[0]['seed']}.",
         "worst": table(told),
     }
-    pages.write(__file__, blocks, options.out)
+    pages.write(__file__, blocks, options.out, is_measured=options.csv is None)
 
 
 if __name__ == "__main__":

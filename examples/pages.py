@@ -48,8 +48,12 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def write(script: str, blocks: Mapping[str, str], out: Path) -> None:
+def write(
+    script: str, blocks: Mapping[str, str], out: Path, *, is_measured: bool = True
+) -> None:
     """Fill the page of a script, and write it to a file.
+
+    **Arguments:** `is_measured`: on this machine, now; else its name is left out.
 
     **Errors:** `ValueError` unless the blocks are those that the page has.
     """
@@ -60,9 +64,8 @@ def write(script: str, blocks: Mapping[str, str], out: Path) -> None:
     fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
     text = _BLOCK.sub(fill, page)
     command = shlex.join(["python", f"examples/{Path(script).name}", *sys.argv[1:]])
-    made = (
-        f"*Made by `{command}`: hmdjit {hj.__version__}, JAX {jax.__version__}, "
-        f"{processor()}, {os.cpu_count()} cores.*\n"
-    )
-    out.write_text(made + text.partition("\n")[2], encoding="utf-8")
+    made = f"*Made by `{command}`: hmdjit {hj.__version__}"
+    if is_measured:
+        made += f", JAX {jax.__version__}, {processor()}, {os.cpu_count()} cores"
+    out.write_text(f"{made}.*\n" + text.partition("\n")[2], encoding="utf-8")
     print(f"Wrote {out}.")
