@@ -24,7 +24,7 @@ PAGES = {
         *("--held-out", "none", "--sessions", "16", *SMALL),
     ),
     "heads": (
-        *("--traces", "{traces}", "--presets", "fixating", "--order", "0"),
+        *("--traces", "{traces}", "--presets", "--order", "0"),
         *("--scenes", "noise", "--sessions", "4"),
     ),
     "sensitivities": ("--scenes", "noise", "--sessions", "4"),

@@ -78,7 +78,6 @@ def test_files_that_pages_name_exist(page):
     text = page.read_text(encoding="utf-8")
     linked = re.findall(r"\]\(([^):]+)\)", text)
     named = re.findall(r"`((?:hmdjit|tests|examples|traces|\.github)/[\w./]+)`", text)
-    assert linked or named
     missing = [link for link in linked if not (page.parent / link).exists()]
     named = [name for name in named if "NAME" not in name]
     assert missing + [name for name in named if not (ROOT / name).exists()] == []
