@@ -77,12 +77,12 @@ def until_sure(name: str) -> tuple[float, float]:
 
 def main() -> None:
     """Measure, and write the page."""
+    jax.config.update("jax_num_cpu_devices", 2)
     parser = pages.arguments(__file__, __doc__)
     flickering = [name for name in hj.scenes.study_set() if name != "almost_uniform"]
     parser.add_argument("--scenes", nargs="+", default=flickering)
     parser.add_argument("--sessions", type=int, default=64)
     options = parser.parse_args()
-    jax.config.update("jax_num_cpu_devices", 2)
     rows = []
     for name in options.scenes:
         seconds, reached = until_sure(name)
