@@ -1,74 +1,176 @@
+import json
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
+import jax
+import numpy as np
 import pytest
 
+import hmdjit as hj
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
-QUICK = {
+PICTURES = {
     "axes_of_a_head.py": (),
-    "flicker_of_heads.py": ("--sessions", "4", "--scenes", "astronaut"),
     "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
 }
-PRINTING = {
-    "quasi_random_paths.py": ("--scenes", "noise"),
-    "sensitivities.py": ("--scenes", "noise", "--sessions", "4"),
-    "time_to_one_percent.py": ("--scenes", "noise", "--sessions", "4"),
-}
-TABLES = {
-    "best_curves.py": (
-        *("--scenes", "checkerboard", "--sessions", "16", "--width", "64"),
-        *("--heads", "fixating", "--rates", "60"),
+SMALL = ("--width", "64", "--height", "64", "--fov", "8")
+PAGES = {
+    "envelope": ("--csv", str(EXAMPLES / "envelope.csv")),
+    "fitted_curves": (
+        *("--heads", "fixating", "--rates", "60", "--scenes", "checkerboard"),
+        *("--held-out", "none", "--sessions", "16", *SMALL),
     ),
+    "heads": (
+        *("--traces", "{traces}", "--presets", "--order", "0"),
+        *("--scenes", "noise", "--sessions", "4"),
+    ),
+    "sensitivities": ("--scenes", "noise", "--sessions", "4"),
+    "speed": ("--json", "{speed}", "--drawn", "2000"),
+    "time_to_one_percent": ("--scenes", "noise", "--sessions", "4"),
+    "trade_off": ("--quick", "--sessions", "4", "--width", "128", "--height", "128"),
 }
+BLOCK = re.compile(r"<!-- (?!end )(\w+) -->\n\n(.*?)\n\n<!-- end -->", re.S)
+
+
+def _run(name, *options, timeout=600):
+    command = [sys.executable, str(EXAMPLES / name), *options]
+    done = subprocess.run(
+        command,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        cwd=EXAMPLES.parent,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def _cells(table):
+    return [
+        [cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines()
+    ]
+
+
+def _is_table(block):
+    return block.startswith("| ")
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """What the small forms of pages read, by the names in `PAGES`."""
+    folder = tmp_path_factory.mktemp("inputs")
+    traces = folder / "traces"
+    traces.mkdir()
+    head, t_s = hj.HeadMotion.fixating(), np.arange(20 * 90) / 90
+    for person, key in enumerate(jax.random.split(jax.random.key(0), 4)):
+        trace = hj.Trace(t_s, np.asarray(head.sample(key, 90.0, len(t_s)), float))
+        trace.write(traces / f"sample_{person}_still.csv")
+    entry = {"name": "hmdjit", "side": 64, "cores": 1, "ns_per_pixel_frame": 8.87}
+    entries = [entry | {"times_as_fast": {"value": 4.1}}]
+    entries.append(entries[0] | {"name": "OpenCV + NumPy", "ns_per_pixel_frame": 36.4})
+    speed = folder / "speed.json"
+    speed.write_text(json.dumps({"rivals": entries}), encoding="utf-8")
+    return {"traces": traces, "speed": speed}
 
 
 def test_every_example_is_run():
-    examples = {path.name for path in EXAMPLES.glob("*.py")}
-    assert examples == set(QUICK) | set(PRINTING) | set(TABLES)
+    scripts = {path.name for path in EXAMPLES.glob("*.py")}
+    pages = {f"{name}.py" for name in PAGES}
+    assert scripts == set(PICTURES) | pages | {"quasi_random_paths.py", "pages.py"}
+    assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_names_its_command_and_has_whole_tables(name):
+    page = (EXAMPLES / f"{name}.md").read_text(encoding="utf-8")
+    first = page.partition("\n")[0]
+    command = re.match(r"\*Made by `(.+)`: hmdjit [\d.]+.*\.\*$", first)
+    assert command is not None
+    assert shlex.split(command[1])[:2] == ["python", f"examples/{name}.py"]
+    tables = [block for _, block in BLOCK.findall(page) if _is_table(block)]
+    assert tables
+    for table in tables:
+        assert len({len(row) for row in _cells(table)}) == 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TABLES)
-def test_examples_print_a_table_of_numbers_within_their_intervals(name):
-    command = [sys.executable, str(EXAMPLES / name), *TABLES[name]]
-    done = subprocess.run(
-        command, check=True, capture_output=True, text=True, timeout=600
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_has_the_form_that_its_command_writes(name, inputs, tmp_path):
+    out = tmp_path / f"{name}.md"
+    options = [option.format_map(inputs) for option in PAGES[name]]
+    _run(f"{name}.py", *options, "--out", str(out))
+    written, kept = (
+        path.read_text(encoding="utf-8") for path in (out, EXAMPLES / f"{name}.md")
     )
-    header, _, row = done.stdout.splitlines()
-    head, *cells = (cell.strip() for cell in row.strip("|").split("|"))
-    assert head == "fixating, 60 Hz"
-    assert len(cells) == header.count("|") - 2
-    for cell in cells[:-1]:
+    _, _, rest = written.partition("\n")
+    _, _, known = kept.partition("\n")
+    assert BLOCK.sub(r"\1", rest) == BLOCK.sub(r"\1", known)
+    known_blocks = dict(BLOCK.findall(kept))
+    for block, text in BLOCK.findall(written):
+        assert _is_table(text) == _is_table(known_blocks[block])
+        if not _is_table(text):
+            continue
+        ours, theirs = _cells(text), _cells(known_blocks[block])
+        assert len(ours) > 2
+        if block == "held_out":  # its columns are the sets of recordings
+            assert [row[0] for row in ours] == [row[0] for row in theirs]
+        else:
+            assert ours[0] == theirs[0]
+    globals().get(f"_check_{name}", lambda blocks: None)(dict(BLOCK.findall(written)))
+
+
+def _check_envelope(blocks):
+    assert blocks == dict(BLOCK.findall((EXAMPLES / "envelope.md").read_text("utf-8")))
+
+
+def _check_fitted_curves(blocks):
+    (row,) = _cells(blocks["heads"])[2:]
+    assert row[0] == "fixating, 60 Hz"
+    for cell in row[1:-1]:
         best, low, high = (float(x.strip("[],")) for x in cell.split())
         assert low <= best <= high
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PRINTING)
-def test_examples_print_their_table(name):
-    command = [sys.executable, str(EXAMPLES / name), *PRINTING[name]]
-    done = subprocess.run(
-        command, check=True, capture_output=True, text=True, timeout=600
-    )
-    if name == "sensitivities.py":
-        # More weight on the current picture leaves more of its flicker.
-        (row,) = (x for x in done.stdout.splitlines() if "technique.w_min" in x)
-        assert row.split()[-1] == "+"
-        return
-    row = done.stdout.splitlines()[-1].split(", ")
+def _check_sensitivities(blocks):
+    # More weight on the current picture leaves more of its flicker.
+    slopes = {row[0]: row[1] for row in _cells(blocks["numbers"])[2:]}
+    assert float(slopes["technique.w_min"]) > 0
+
+
+def _check_speed(blocks):
+    rows = {row[0]: row[1:] for row in _cells(blocks["pipeline"])[2:]}
+    assert rows["hmdjit"] == ["8.9 (4.1 x)", "", "", "", ""]
+    assert rows["OpenCV + NumPy"][0] == "36.4"
+
+
+def _check_time_to_one_percent(blocks):
+    (row,) = _cells(blocks["seconds"])[2:]
     assert row[0] == "noise"
-    if name == "time_to_one_percent.py":
-        assert float(row[1]) > float(row[2]) > 0
-    else:
-        # A gain of 3 is below 1 in 48 replicates each with probability 1e-4.
-        assert float(row[2].split()[0]) > 1
+    assert float(row[1].replace(",", "")) > float(row[2]) > 0
+
+
+def _check_trade_off(blocks):
+    biases = {row[0].strip("*"): row[1] for row in _cells(blocks["settings"])[2:]}
+    assert float(biases["reference"].split()[0]) == 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", QUICK)
+def test_quasi_random_paths_are_surer():
+    row = (
+        _run("quasi_random_paths.py", "--scenes", "noise").splitlines()[-1].split(", ")
+    )
+    assert row[0] == "noise"
+    # A gain of 3 is below 1 in 48 replicates each with probability 1e-4.
+    assert float(row[2].split()[0]) > 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PICTURES)
 def test_examples_write_their_picture(name, tmp_path):
     out = tmp_path / "picture.png"
-    command = [sys.executable, str(EXAMPLES / name), *QUICK[name], "--out", str(out)]
-    subprocess.run(command, check=True, cwd=EXAMPLES.parent, timeout=300)
+    _run(name, *PICTURES[name], "--out", str(out), timeout=300)
     assert out.stat().st_size > 10_000

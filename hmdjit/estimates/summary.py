@@ -7,12 +7,14 @@ normal, as wide as the interim analysis that ended a scene asks for.
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .. import _checks
+from .. import _checks, _files
 from .cells import cells_of
 from .estimate import (
     NO_FLICKER,
