@@ -81,6 +81,7 @@ FOLDERS = {
         ("sampler",),
         ("sequential",),
         ("study",),
+        ("identity",),
         ("run",),
     ],
     "trade_off": [("settings",), ("bench",), ("trade_off",), ("measuring", "choice")],
@@ -99,8 +100,8 @@ FOLDERS = {
         ("extremes",),
         ("holes",),
     ],
-    "figures": [("drawing",), ("*",)],
-    "reports": [("*",)],
+    "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
+    "reports": [("tables",), ("*",)],
     "cli": [("options", "definition"), ("*",), ("main",)],
 }
 
@@ -110,7 +111,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("head_motion.process", "head_fitting.fitting"): "HeadMotion.fit(), for users",
     ("studies.study", "studies.run"): "Study.run(), for users",
     ("estimates.summary", "studies.sampler"): "a goal's cells, until they move",
-    ("figures.curve_fitting", "reports.curve_fitting"): "words of a fit",
     ("theory.control_variates", "studies.sessions"): "a batch's type",
 }
 

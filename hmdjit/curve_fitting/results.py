@@ -15,6 +15,9 @@ from .errors import Errors
 from .search import Numbers
 from .space import CurveSpace
 
+KIM, FITTED = HeadMovement().id, "fitted"
+"""Kim et al.'s constants and the fitted curve, among what techniques keep."""
+
 
 def _mean(x: Float[np.ndarray, " sessions"]) -> Interval:
     """Mean with Student's 95 % interval."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
@@ -22,13 +21,12 @@ from ..estimates.summary import (
     summarize,
     write_csv,
 )
-from ..figures.drawing import footer
-from ..figures.study import write_figures as write_figures
+from ..figures.study import write_figures
+from ..studies.identity import footer, metric_ids
+from .tables import READY, WORDS, number, plain, table, with_error
 
 if TYPE_CHECKING:
     import xarray
-
-_PLAIN = str.maketrans({"±": "+-", "–": "-", "²": "^2", "×": "x", "°": " deg"})
 
 
 def write_report(dataset: "xarray.Dataset", folder: str | os.PathLike) -> list[Path]:
@@ -82,78 +80,99 @@ def tables(
     cells = {(row.technique, row.scene): row for row in rows}
     techniques = [str(t) for t in dataset["technique"].values]
     scenes = [str(s) for s in dataset["scene"].values]
+    others = metric_ids(dataset)[1:]
+    title = " and detail" * ("detail_loss" in others) + ", mean over scenes"
+    say = str if utf else plain
+    pooled = [cells[t, POOLED] for t in techniques]
     parts: list[Text | Table] = [
-        Text("Flicker and detail, mean over scenes", style="bold"),
-        _pooled_table([cells[t, POOLED] for t in techniques], baseline, width),
+        Text(f"Flicker{title}", style="bold"),
+        _pooled_table(pooled, baseline, others, width, utf),
     ]
-    others = [t for t in techniques if t != baseline]
-    if others and len(scenes) > 1:
-        title = f"MTCD as a share of {baseline}'s, by scene"
-        parts.append(Text("\n" + title, style="bold"))
+    compared = [t for t in techniques if t != baseline]
+    if compared and len(scenes) > 1:
+        title = f"\nMTCD as a share of {baseline}'s, by scene"
+        parts.append(Text(say(title), style="bold"))
         lines = [*scenes, POOLED, GEOMETRIC_MEAN]
         room = width - max(map(len, lines)) - len(baseline) - 6
-        while others:
-            fitting = max(1, _fitting([max(len(t), 11) + 2 for t in others], room))
-            parts.append(_scene_table(cells, lines, baseline, others[:fitting]))
-            others = others[fitting:]
-    parts.append(Text("\n" + _caption(dataset, rows), style="dim"))
-    if not utf:
-        parts = [_plain(part) for part in parts]
-    return Group(*parts)
+        while compared:
+            widths = np.cumsum([max(len(t), 11) + 2 for t in compared])
+            fitting = max(1, int(np.searchsorted(widths, room, side="right")))
+            shown = [baseline, *compared[:fitting]]
+            parts.append(_scene_table(cells, lines, shown, utf))
+            compared = compared[fitting:]
+    caption = _caption(dataset, rows)
+    return Group(*parts, Text(say(f"\n{caption}"), style="dim"))
 
 
-def _pooled_table(rows: Sequence[SummaryRow], baseline: str, width: int) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, width >= 90), show_edge=False)
-    table.add_column("technique", overflow="fold", min_width=8)
-    for header in ("MTCD", "median", "5–95 %", f"ratio to {baseline}", "detail loss"):
-        table.add_column(header, justify="right", no_wrap=True)
+def _pooled_table(
+    rows: Sequence[SummaryRow],
+    baseline: str,
+    others: Sequence[str],
+    width: int,
+    utf: bool,
+) -> Table:
+    headers = ["MTCD", "median", "5–95 %", f"ratio to {baseline}"]
+    headers += [name.replace("_", " ") for name in others]
     mean = _decimals([_half(row.low, row.high) for row in rows])
     ratio = min(3, _decimals([_half(row.ratio_low, row.ratio_high) for row in rows]))
-    loss = _decimals([Z95 * row.detail_loss_standard_error for row in rows])
-    for row in rows:
-        shown = _number(row.ratio, ratio)
+    means = {name: [getattr(row, name) for row in rows] for name in others}
+    halves = {
+        name: [Z95 * getattr(row, f"{name}_standard_error") for row in rows]
+        for name in others
+    }
+    laid_out = []
+    for place, row in enumerate(rows):
+        shown = number(row.ratio, ratio)
         if row.ratio_low < row.ratio_high:
             shown += f" [{row.ratio_low:.{ratio}f}, {row.ratio_high:.{ratio}f}]"
         if row.technique == baseline and math.isfinite(row.ratio):
             shown = "1 (baseline)"
-        spread = [_number(q, mean) for q in (row.q05, row.q95)]
-        table.add_row(
-            row.technique,
-            _with_error(row.mean, _half(row.low, row.high), mean),
-            _number(row.q50, mean),
-            "–".join(spread) if math.isfinite(row.q05) else "–",
-            shown,
-            _with_error(row.detail_loss, Z95 * row.detail_loss_standard_error, loss),
-            style="bold" if row.technique == baseline else "",
+        spread = "–".join(number(q, mean) for q in (row.q05, row.q95))
+        laid_out.append(
+            (
+                row.technique,
+                with_error(row.mean, _half(row.low, row.high), mean),
+                number(row.q50, mean),
+                spread if math.isfinite(row.q05) else "–",
+                shown,
+                *(
+                    with_error(
+                        means[name][place],
+                        halves[name][place],
+                        _decimals(halves[name]),
+                    )
+                    for name in others
+                ),
+            )
         )
-    return table
+    return table(
+        {"technique": WORDS, **dict.fromkeys(headers, READY)},
+        laid_out,
+        bold=[row.technique == baseline for row in rows],
+        fold=True,
+        utf=utf,
+        padding=(0, width >= 90),
+    )
 
 
 def _scene_table(
     cells: dict[tuple[str, str], SummaryRow],
     lines: Sequence[str],
-    baseline: str,
     techniques: Sequence[str],
+    utf: bool,
 ) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("scene", overflow="fold")
-    table.add_column(baseline, justify="right", no_wrap=True, style="dim")
-    for technique in techniques:
-        table.add_column(technique, justify="right")
+    """Lay out ratios to the first technique, beside its own MTCD."""
+    rows: list[Sequence | None] = []
     for line in lines:
-        if line == POOLED:
-            table.add_section()
-        flicker = cells[baseline, line].mean
-        ratios = [cells[technique, line] for technique in techniques]
-        table.add_row(
-            line,
-            "" if math.isnan(flicker) else f"{flicker:#.3g}",
-            *(
-                _with_error(row.ratio, _half(row.ratio_low, row.ratio_high), 3)
-                for row in ratios
-            ),
-        )
-    return table
+        flicker, *ratios = (cells[technique, line] for technique in techniques)
+        shown = "" if math.isnan(flicker.mean) else f"{flicker.mean:#.3g}"
+        errors = [
+            with_error(row.ratio, _half(row.ratio_low, row.ratio_high), 3)
+            for row in ratios
+        ]
+        rows += [None] * (line == POOLED) + [(line, Text(shown, style="dim"), *errors)]
+    columns = {"scene": WORDS, **dict.fromkeys(techniques, READY)}
+    return table(columns, rows, fold=True, no_wrap=False, utf=utf)
 
 
 def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
@@ -163,11 +182,21 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
         for row in rows
         if (row.technique, row.scene) == (a["baseline"], POOLED)
     )
+    of_metrics = [
+        "MTCD in code values of 8 bits: what the picture changes from frame to frame."
+    ]
+    for name in metric_ids(dataset)[1:]:
+        if name == "detail_loss":
+            of_metrics.append(
+                f"Detail loss: squared error to {a.get('reference', 'the reference')}, "
+                "code values². MTCD alone is won by a frozen picture, so read it together "
+                "with detail loss."
+            )
+        else:
+            said, unit = name.replace("_", " "), dataset[name].attrs.get("units", "")
+            of_metrics.append(f"{said.capitalize()} in {unit}." if unit else "")
     words = [
-        "MTCD in code values of 8 bits: what the picture changes from frame to frame. "
-        "Detail loss: squared error to "
-        f"{a.get('reference', 'the reference')}, code values². MTCD alone is won by a "
-        "frozen picture, so read it together with detail loss.",
+        " ".join(filter(None, of_metrics)),
         f"± and [ ]: 95 % interval over sessions ({over}); scenes are fixed.",
         footer(dataset),
     ]
@@ -220,30 +249,3 @@ def _decimals(half_widths: Sequence[float]) -> int:
     if not positive:
         return 3
     return min(4, max(0, 1 - math.floor(math.log10(np.median(positive)))))
-
-
-def _number(value: float, decimals: int) -> str:
-    if math.isnan(value):
-        return "–"
-    return "0" if value == 0 else f"{value:.{decimals}f}"
-
-
-def _with_error(value: float, half: float, decimals: int) -> str:
-    if math.isnan(value) or math.isnan(half) or half == 0:
-        return _number(value, decimals)
-    return f"{value:.{decimals}f} ±{half:.{decimals}f}"
-
-
-def _fitting(widths: Sequence[int], room: int) -> int:
-    """How many of the first columns fit beside each other."""
-    return int(np.searchsorted(np.cumsum(widths), room, side="right"))
-
-
-def _plain(part: Text | Table) -> Text | Table:
-    """Replace what an encoding other than Unicode cannot show."""
-    if isinstance(part, Text):
-        return Text(part.plain.translate(_PLAIN), style=part.style)
-    for column in part.columns:
-        column.header = str(column.header).translate(_PLAIN)
-        column._cells = [str(cell).translate(_PLAIN) for cell in column._cells]
-    return part

@@ -6,30 +6,24 @@ batches are kept, so an interrupted study goes on where it stopped.
 
 import json
 import os
-import platform
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from .. import camera as pinhole
 from .._files import written_atomically
-from .._version import __version__
-from ..camera import Camera
 from ..frames.sources import Texture
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.session import Result
 from ..simulation.sharding import placed
-from ..techniques import SSAA
 from ..techniques.base import AbstractTechnique
 from ..theory.control_variates import Controls, control_of
 from .failures import Failures
+from .identity import MODEL_VERSION, attributes
 from .measured_blocks import Tiles
 from .progress import Progress
 from .runner import Runner
@@ -41,9 +35,6 @@ from .study import Study
 
 if TYPE_CHECKING:
     import xarray
-
-MODEL_VERSION = "5"
-"""Which numbers a study gives; changing any default that moves them changes this."""
 
 _PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
@@ -237,7 +228,7 @@ class Run:
     def _gather(self, controls: Mapping | None = None) -> "xarray.Dataset":
         import xarray
 
-        study, camera = self.study, self.study.display
+        study = self.study
         dims = ("technique", "scene", "session")
         code = {"units": "code values of 255"}
         dataset = xarray.Dataset(
@@ -255,7 +246,12 @@ class Run:
                 "scene": list(study.scenes),
                 "session": np.arange(self.sessions.count),
             },
-            self._attributes(camera),
+            attributes(study, self.seed, fingerprint(self.identity, study))
+            | {
+                "failed_sessions": json.dumps(self._failed()),
+                "omit_failed": int(self.failures.omit),
+                "wide_halo_sessions": int(self.wide.sum()),
+            },
         )
         if self.sessions.subjects is not None:
             dataset = dataset.assign_coords(subject=("session", self.sessions.subjects))
@@ -266,55 +262,6 @@ class Run:
         if self.out is not None:
             write_dataset(dataset, self.out / "result.nc")
         return dataset
-
-    def _attributes(self, camera: Camera) -> dict:
-        study = self.study
-        centre = np.array([camera.width_px, camera.height_px], np.float32) / 2
-        side = centre * np.array([2, 1], np.float32)
-        return {
-            "title": "MTCD and detail loss of simulated viewing sessions",
-            "hmdjit_version": __version__,
-            "model_version": MODEL_VERSION,
-            "config_hash": fingerprint(self.identity, study),
-            "seed": self.seed,
-            "baseline": study.baseline,
-            "reference": SSAA().id,
-            "frames": study.frames,
-            "warmup": study.warmup,
-            "measure": str(study.measure),
-            "head": str(study.head),
-            "width_px": camera.width_px,
-            "height_px": camera.height_px,
-            "fov_deg": float(camera.fov_deg),
-            "refresh_hz": float(camera.refresh_hz),
-            "px_per_deg_centre": _yaw_px_per_deg(camera, centre),
-            "px_per_deg_side": _yaw_px_per_deg(camera, side),
-            "px_per_deg_mean": mean_px_per_deg(camera),
-            "oversampling": study.oversampling,
-            "margin_deg": float(study.margin_deg),
-            "dtype": "float32",
-            "device": f"{len(jax.devices())} x {jax.devices()[0].device_kind}",
-            "machine": platform.machine(),
-            "python_version": platform.python_version(),
-            "jax_version": jax.__version__,
-            "numpy_version": np.__version__,
-            "failed_sessions": json.dumps(self._failed()),
-            "omit_failed": int(self.failures.omit),
-            "wide_halo_sessions": int(self.wide.sum()),
-        }
-
-
-def _yaw_px_per_deg(camera: Camera, position_px: Float[np.ndarray, "2"]) -> float:
-    return float(pinhole.px_per_deg(camera, jnp.asarray(position_px))[0])
-
-
-def mean_px_per_deg(camera: Camera) -> float:
-    """Picture motion per degree of yaw or pitch, averaged over the camera frame."""
-    x = (np.arange(64) + 0.5) / 64 * camera.width_px
-    y = (np.arange(64) + 0.5) / 64 * camera.height_px
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float32)
-    speeds = jax.vmap(lambda p: pinhole.px_per_deg(camera, p))(jnp.asarray(grid))
-    return float(jnp.mean(speeds))
 
 
 def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:

@@ -1,0 +1,119 @@
+"""What a study's numbers rest on: versions, machine, camera, head, frames and seed.
+
+Files carry it as attributes, figures and tables say it in words.
+"""
+
+import platform
+import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import camera as pinhole
+from .._version import __version__
+from ..camera import Camera
+from ..techniques import SSAA
+from .study import Study
+
+if TYPE_CHECKING:
+    import xarray
+
+MODEL_VERSION = "5"
+"""Which numbers a study gives; changing any default that moves them changes this."""
+
+_OLD_METRICS = ("mtcd", "detail_loss")  # of files that do not name theirs
+
+
+def attributes(study: Study, seed: int, config_hash: str = "") -> dict[str, Any]:
+    """Identify a study's numbers: a dataset's attributes, but for how its run went."""
+    camera = study.display
+    size = np.array([camera.width_px, camera.height_px], np.float32)
+    centre, side = size / 2, size * np.array([1, 0.5], np.float32)
+    along_yaw = lambda place: float(pinhole.px_per_deg(camera, jnp.asarray(place))[0])
+    return {
+        "title": "MTCD and detail loss of simulated viewing sessions",
+        "hmdjit_version": __version__,
+        "model_version": MODEL_VERSION,
+        "config_hash": config_hash,
+        "seed": seed,
+        "baseline": study.baseline,
+        "reference": SSAA().id,
+        "frames": study.frames,
+        "warmup": study.warmup,
+        "measure": str(study.measure),
+        "head": str(study.head),
+        "width_px": camera.width_px,
+        "height_px": camera.height_px,
+        "fov_deg": float(camera.fov_deg),
+        "refresh_hz": float(camera.refresh_hz),
+        "px_per_deg_centre": along_yaw(centre),
+        "px_per_deg_side": along_yaw(side),
+        "px_per_deg_mean": mean_px_per_deg(camera),
+        "oversampling": study.oversampling,
+        "margin_deg": float(study.margin_deg),
+        "dtype": "float32",
+        "device": f"{len(jax.devices())} x {jax.devices()[0].device_kind}",
+        "machine": platform.machine(),
+        "python_version": platform.python_version(),
+        "jax_version": jax.__version__,
+        "numpy_version": np.__version__,
+    }
+
+
+def mean_px_per_deg(camera: Camera) -> float:
+    """Picture motion per degree of yaw or pitch, averaged over the camera frame."""
+    x = (np.arange(64) + 0.5) / 64 * camera.width_px
+    y = (np.arange(64) + 0.5) / 64 * camera.height_px
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float32)
+    speeds = jax.vmap(lambda p: pinhole.px_per_deg(camera, p))(jnp.asarray(grid))
+    return float(jnp.mean(speeds))
+
+
+def metric_ids(dataset: "xarray.Dataset") -> list[str]:
+    """Name a study's metrics, which are its variables; the first is the headline."""
+    # A file gives a list of one back as a string.
+    return [
+        str(name) for name in np.atleast_1d(dataset.attrs.get("metrics", _OLD_METRICS))
+    ]
+
+
+def camera_words(known: Mapping[str, Any]) -> str:
+    """Say a camera's resolution, field of view and refresh rate."""
+    return (
+        f"{known.get('width_px')} × {known.get('height_px')} px, "
+        f"{_number(known, 'fov_deg')}° wide, {_number(known, 'refresh_hz')} Hz"
+    )
+
+
+def frames_words(known: Mapping[str, Any]) -> str:
+    """Say how long sessions are, and their seed."""
+    return (
+        f"{known.get('frames')} frames after {known.get('warmup')} of warm-up, "
+        f"seed {known.get('seed')}"
+    )
+
+
+def footer(dataset: "xarray.Dataset") -> str:
+    """Say what a picture or table of a study depends on, in a few sentences."""
+    known, count = dataset.attrs, dataset.sizes["session"]
+    sessions = f"{count:,} session" + "s" * (count != 1)
+    if "slope" in dataset:  # a study with a goal runs as many as each scene needs
+        sessions = f"Up to {sessions} per scene"
+    return (
+        f"Camera {camera_words(known)}: "
+        f"{_number(known, 'px_per_deg_centre')} px/deg in the centre, "
+        f"{_number(known, 'px_per_deg_side')} at the side, "
+        f"{_number(known, 'px_per_deg_mean')} on average; "
+        f"{known.get('measure', 'unknown part')} measured. "
+        f"Head: {textwrap.shorten(str(known.get('head', 'unknown')), 90)}. "
+        f"{sessions} of {frames_words(known)}; "
+        f"hmdjit {known.get('hmdjit_version')}, model {known.get('model_version')}, "
+        f"config {str(known.get('config_hash'))[:8]}."
+    )
+
+
+def _number(known: Mapping[str, Any], name: str) -> str:
+    return f"{float(known[name]):.4g}" if name in known else "?"
