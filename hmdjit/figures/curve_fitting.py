@@ -88,7 +88,7 @@ def draw_curve(fit: CurveFit, footer: str) -> Figure:
         f"Band: {100 * _LEVEL:g} % of a bootstrap over sessions, where colours do not "
         f"differ. {footer}"
     )
-    figure, (axes,) = panels(6.8 + 4.4 * is_local, 4.6, words, 1, 1 + is_local)
+    figure, (axes,) = panels(6.8 + 4.4 * is_local, 4.6, words, columns=1 + is_local)
     ramp = jnp.linspace(0, 1, _STEPS, dtype=jnp.asarray(fit.errors.drawn).dtype)
     fastest = max(float(t.h_max_deg_s) for t in (fit.technique, HeadMovement()))
     speeds = ramp * min(1.1 * fastest, _FASTEST_DEG_S)

@@ -80,13 +80,9 @@ def _distributions(study: Compared) -> Figure:
     )
     title = "How much sessions differ: flicker per session, mean over scenes"
     figure, axes = study.axes(8.5, 4.8, title, band)
-    sessions = {
-        technique: np.sort(values[np.isfinite(values)])
-        for technique, values in zip(
-            study.techniques, study.mtcd.mean(axis=1), strict=True
-        )
-    }
-    sessions = {t: values for t, values in sessions.items() if values.size}
+    sessions = dict(zip(study.techniques, study.mtcd.mean(axis=1), strict=True))
+    sessions = {t: np.sort(x[np.isfinite(x)]) for t, x in sessions.items()}
+    sessions = {t: x for t, x in sessions.items() if x.size}
     everything = np.concatenate([*sessions.values(), [0.0]])
     positive = everything[everything > 0]
     low, high = (positive.min(), positive.max()) if positive.size else (0.1, 10.0)
@@ -161,16 +157,10 @@ def _figure3(study: Compared) -> Figure:
         for place, mark, height in zip(places, marks, heights, strict=True):
             is_mean = mark == "mean"
             alpha = 1.0 if is_mean else 0.45
-            axes.bar(index + place, height, 0.25, color=colour, alpha=alpha)
-            axes.annotate(
-                f"{height:.0f}" if height >= 10 else f"{round(height, 3):.2g}",
-                (index + place, height),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=NUMBER,
-                fontweight="bold" if is_mean else "normal",
-            )
+            bar = axes.bar(index + place, height, 0.25, color=colour, alpha=alpha)
+            text = f"{height:.0f}" if height >= 10 else f"{round(height, 3):.2g}"
+            weight = "bold" if is_mean else "normal"
+            axes.bar_label(bar, [text], padding=2, fontsize=NUMBER, fontweight=weight)
     axes.set_xticks(range(len(names)), names)
     axes.tick_params(axis="x", length=0, pad=14, labelsize=NAME)
     minor = [index + place for index in range(len(names)) for place in places]

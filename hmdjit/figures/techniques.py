@@ -43,7 +43,7 @@ class Compared:
             marker = _MARKERS[(i + turn) % count]
             self.look[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
 
-    def points(self, technique: str) -> dict[str, str]:
+    def points(self, technique: str) -> dict[str, Any]:
         """Return colour and marker of a technique's points."""
         colour, _, marker = self.look[technique]
         return {"color": colour, "marker": marker}

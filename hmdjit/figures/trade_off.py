@@ -59,11 +59,11 @@ def draw(rows: Sequence[Row]) -> Figure:
     if not techniques:
         raise ValueError("rows must hold a setting with flicker to be drawn, got none.")
     figure, axes = panels(
-        13,
+        13.0,
         5.2 * len(techniques),
         _footer(rows[0].identity),
-        len(techniques),
-        2,
+        rows=len(techniques),
+        columns=2,
         width_ratios=[1.45, 1],
     )
     for technique, (left, right) in zip(techniques, axes, strict=True):

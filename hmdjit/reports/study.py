@@ -23,7 +23,16 @@ from ..estimates.summary import (
 )
 from ..figures.study import write_figures
 from ..studies.identity import footer, metric_ids
-from .tables import READY, WORDS, number, plain, table, with_error
+from .tables import (
+    READY,
+    WORDS,
+    decimals,
+    number,
+    plain,
+    table,
+    with_error,
+    with_errors,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -34,7 +43,7 @@ def write_report(dataset: "xarray.Dataset", folder: str | os.PathLike) -> list[P
 
     **Returns:** the paths of the files.
 
-    **Errors:** those of `results.summarize`.
+    **Errors:** those of `summarize`.
     """
     rows = summarize(dataset)
     table = write_csv(rows, Path(folder) / "summary.csv")
@@ -46,36 +55,18 @@ def print_table(
     rows: Sequence[SummaryRow] | None = None,
     console: Console | None = None,
 ) -> None:
-    """Print a study's tables, by default to the terminal.
+    """Print a study's tables: techniques over all scenes, then ratios per scene.
 
-    **Arguments:** `rows`: `results.summarize` of the dataset, if at hand.
+    More techniques than the terminal is wide are continued in a further table.
 
-    **Errors:** those of `results.summarize`.
+    **Arguments:** `rows`: `summarize` of the dataset, if at hand; `console`: by default
+    the terminal.
+
+    **Errors:** those of `summarize`.
     """
     console = Console() if console is None else console
     rows = summarize(dataset) if rows is None else rows
-    utf = console.encoding.lower().startswith("utf")
-    console.print(tables(dataset, rows, width=console.width, utf=utf))
-
-
-def tables(
-    dataset: "xarray.Dataset",
-    rows: Sequence[SummaryRow],
-    *,
-    width: int = 80,
-    utf: bool = True,
-) -> Group:
-    """Lay out a study's tables: techniques over all scenes, then ratios per scene.
-
-    **Arguments:**
-
-    - `dataset`, `rows`: a study's result, and `results.summarize` of it.
-    - `width`: of the terminal, in characters; more techniques than fit are continued
-      in a further table.
-    - `utf`: whether the terminal can show `±` and the like.
-
-    **Returns:** what `rich` prints.
-    """
+    width, utf = console.width, console.encoding.lower().startswith("utf")
     baseline = str(dataset.attrs["baseline"])
     cells = {(row.technique, row.scene): row for row in rows}
     techniques = [str(t) for t in dataset["technique"].values]
@@ -101,7 +92,7 @@ def tables(
             parts.append(_scene_table(cells, lines, shown, utf))
             compared = compared[fitting:]
     caption = _caption(dataset, rows)
-    return Group(*parts, Text(say(f"\n{caption}"), style="dim"))
+    console.print(Group(*parts, Text(say(f"\n{caption}"), style="dim")))
 
 
 def _pooled_table(
@@ -111,48 +102,43 @@ def _pooled_table(
     width: int,
     utf: bool,
 ) -> Table:
-    headers = ["MTCD", "median", "5–95 %", f"ratio to {baseline}"]
-    headers += [name.replace("_", " ") for name in others]
-    mean = _decimals([_half(row.low, row.high) for row in rows])
-    ratio = min(3, _decimals([_half(row.ratio_low, row.ratio_high) for row in rows]))
-    means = {name: [getattr(row, name) for row in rows] for name in others}
-    halves = {
-        name: [Z95 * getattr(row, f"{name}_standard_error") for row in rows]
-        for name in others
+    """Lay out the headline, its ratio to the baseline, and the means of all others."""
+    halves = [_half(row.low, row.high) for row in rows]
+    mean = decimals(halves)
+    ratio = min(3, decimals([_half(row.ratio_low, row.ratio_high) for row in rows]))
+    columns = {
+        "technique": [row.technique for row in rows],
+        "MTCD": with_errors([row.mean for row in rows], halves),
+        "median": [number(row.q50, mean) for row in rows],
+        "5–95 %": [
+            f"{number(row.q05, mean)}–{number(row.q95, mean)}"
+            if math.isfinite(row.q05)
+            else "–"
+            for row in rows
+        ],
+        f"ratio to {baseline}": [_ratio(row, baseline, ratio) for row in rows],
     }
-    laid_out = []
-    for place, row in enumerate(rows):
-        shown = number(row.ratio, ratio)
-        if row.ratio_low < row.ratio_high:
-            shown += f" [{row.ratio_low:.{ratio}f}, {row.ratio_high:.{ratio}f}]"
-        if row.technique == baseline and math.isfinite(row.ratio):
-            shown = "1 (baseline)"
-        spread = "–".join(number(q, mean) for q in (row.q05, row.q95))
-        laid_out.append(
-            (
-                row.technique,
-                with_error(row.mean, _half(row.low, row.high), mean),
-                number(row.q50, mean),
-                spread if math.isfinite(row.q05) else "–",
-                shown,
-                *(
-                    with_error(
-                        means[name][place],
-                        halves[name][place],
-                        _decimals(halves[name]),
-                    )
-                    for name in others
-                ),
-            )
-        )
+    for name in others:
+        errors = [getattr(row, f"{name}_standard_error") for row in rows]
+        means = [getattr(row, name) for row in rows]
+        columns[_words(name)] = with_errors(means, [Z95 * error for error in errors])
     return table(
-        {"technique": WORDS, **dict.fromkeys(headers, READY)},
-        laid_out,
+        dict.fromkeys(columns, READY) | {"technique": WORDS},
+        zip(*columns.values(), strict=True),
         bold=[row.technique == baseline for row in rows],
         fold=True,
         utf=utf,
         padding=(0, width >= 90),
     )
+
+
+def _ratio(row: SummaryRow, baseline: str, places: int) -> str:
+    if row.technique == baseline and math.isfinite(row.ratio):
+        return "1 (baseline)"
+    shown = number(row.ratio, places)
+    if row.ratio_low < row.ratio_high:
+        shown += f" [{row.ratio_low:.{places}f}, {row.ratio_high:.{places}f}]"
+    return shown
 
 
 def _scene_table(
@@ -182,21 +168,18 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
         for row in rows
         if (row.technique, row.scene) == (a["baseline"], POOLED)
     )
-    of_metrics = [
-        "MTCD in code values of 8 bits: what the picture changes from frame to frame."
-    ]
-    for name in metric_ids(dataset)[1:]:
-        if name == "detail_loss":
-            of_metrics.append(
-                f"Detail loss: squared error to {a.get('reference', 'the reference')}, "
-                "code values². MTCD alone is won by a frozen picture, so read it together "
-                "with detail loss."
-            )
-        else:
-            said, unit = name.replace("_", " "), dataset[name].attrs.get("units", "")
-            of_metrics.append(f"{said.capitalize()} in {unit}." if unit else "")
+    meanings = {
+        "mtcd": "MTCD in code values of 8 bits: what the picture changes from frame to "
+        "frame.",
+        "detail_loss": "Detail loss: squared error to "
+        f"{a.get('reference', 'the reference')}, code values². MTCD alone is won by a "
+        "frozen picture, so read it together with detail loss.",
+    }
+    for name in metric_ids(dataset):
+        unit = dataset[name].attrs.get("units", "unknown units")
+        meanings.setdefault(name, f"{_words(name).capitalize()} in {unit}.")
     words = [
-        " ".join(filter(None, of_metrics)),
+        " ".join(meanings[name] for name in metric_ids(dataset)),
         f"± and [ ]: 95 % interval over sessions ({over}); scenes are fixed.",
         footer(dataset),
     ]
@@ -205,7 +188,16 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
             f"No ratio (–) where the baseline's MTCD is at most {MIN_BASELINE_MTCD}: "
             f"{NO_FLICKER}, left out of the geometric mean."
         )
-    words += [_pairing(technique, rows) for technique in _varying(rows)]
+    gains: dict[str, list[str]] = {}
+    for row in rows:
+        if math.isfinite(row.pairing_gain):  # of ratios that vary
+            shown = f"{row.scene} {row.pairing_gain:.0f}"
+            gains.setdefault(row.technique, []).append(shown)
+    words += [
+        f"Variance of {technique}'s ratios with sessions of its own, in multiples of "
+        f"the paired one: {', '.join(shown)}."
+        for technique, shown in gains.items()
+    ]
     failed = len(json.loads(a.get("failed_sessions", "[]")))
     wide = int(a.get("wide_halo_sessions", 0))
     words += [
@@ -221,31 +213,9 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
     return "\n".join([words[0], words[1], " ".join(words[2:])])
 
 
-def _varying(rows: Sequence[SummaryRow]) -> list[str]:
-    """Techniques whose ratios vary, so that pairing them can gain something."""
-    varying = [row.technique for row in rows if math.isfinite(row.pairing_gain)]
-    return list(dict.fromkeys(varying))
-
-
-def _pairing(technique: str, rows: Sequence[SummaryRow]) -> str:
-    gains = [
-        f"{row.scene} {row.pairing_gain:.0f}"
-        for row in rows
-        if row.technique == technique and math.isfinite(row.pairing_gain)
-    ]
-    return (
-        f"Variance of {technique}'s ratios with sessions of its own, in multiples of "
-        f"the paired one: {', '.join(gains)}."
-    )
-
-
 def _half(low: float, high: float) -> float:
     return (high - low) / 2
 
 
-def _decimals(half_widths: Sequence[float]) -> int:
-    """Decimals that give a typical half-width of a column two digits."""
-    positive = [half for half in half_widths if half > 0]
-    if not positive:
-        return 3
-    return min(4, max(0, 1 - math.floor(math.log10(np.median(positive)))))
+def _words(metric: str) -> str:
+    return metric.replace("_", " ")

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.table import Table
 
@@ -21,7 +22,7 @@ def table(
     fold: bool = False,
     no_wrap: bool = True,
     utf: bool = True,
-    padding: tuple[int, ...] = (0, 1, 0, 0),
+    padding: tuple[int, int] | tuple[int, int, int, int] = (0, 1, 0, 0),
 ) -> Table:
     """Lay out rows of numbers and words.
 
@@ -44,8 +45,9 @@ def table(
             look = {"overflow": "fold", "min_width": 8}
         justify = "left" if template == WORDS else "right"
         found.add_column(say(header), justify=justify, **look)
-    for row, is_bold in itertools.zip_longest(rows, bold, fillvalue=False):
-        if not row:
+    styles = itertools.chain(bold, itertools.repeat(False))
+    for row, is_bold in zip(rows, styles, strict=False):
+        if row is None:
             found.add_section()
             continue
         cells = zip(columns.values(), row, strict=False)
@@ -81,3 +83,18 @@ def with_error(value: float, half_width: float, decimals: int) -> str:
     if math.isnan(value) or math.isnan(half_width) or half_width == 0:
         return number(value, decimals)
     return f"{value:.{decimals}f} ±{half_width:.{decimals}f}"
+
+
+def with_errors(values: Sequence[float], half_widths: Sequence[float]) -> list[str]:
+    """Write a column of values and half-widths, to as many digits as these warrant."""
+    places = decimals(half_widths)
+    pairs = zip(values, half_widths, strict=True)
+    return [with_error(value, half_width, places) for value, half_width in pairs]
+
+
+def decimals(half_widths: Sequence[float]) -> int:
+    """Decimals that give a typical half-width of a column two digits."""
+    positive = [half_width for half_width in half_widths if half_width > 0]
+    if not positive:
+        return 3
+    return min(4, max(0, 1 - math.floor(math.log10(np.median(positive)))))
