@@ -30,7 +30,7 @@ COLOURS = [BLUE, VERMILLION, "#009E73", "#CC79A7", "#E69F00", SKY, "#882255"]
 DASHES: list[Any] = ["-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)), (0, (3, 1.5))]
 
 # Sizes of type, points: names of points, lines and rows, notes, numbers, small print.
-NAME, LABEL, NOTE, NUMBER, FINE = 9, 8.5, 8, 7.5, 6.5
+NAME, LABEL, NOTE, NUMBER, FINE = 9.0, 8.5, 8.0, 7.5, 6.5
 
 styled = matplotlib.rc_context(
     {

@@ -2,12 +2,13 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 WORDS, READY = "{}", "{:s}"
 INTERVAL = "{:.3f} [{:.3f}, {:.3f}]"
@@ -56,13 +57,11 @@ def table(
     return found
 
 
-def _cell(template: str, value: Any, say: Any) -> Any:
-    if value is None:
-        return "-"
-    if isinstance(value, str):
-        return say(value)
-    if not isinstance(value, float | int | tuple):
-        return value  # has a style of its own
+def _cell(template: str, value: Any, say: Callable[[str], str]) -> str | Text:
+    if isinstance(value, Text):  # has a style of its own
+        return value
+    if value is None or isinstance(value, str):
+        return "-" if value is None else say(value)
     return say(template.format(*value if isinstance(value, tuple) else (value,)))
 
 
