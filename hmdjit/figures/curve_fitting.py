@@ -16,24 +16,12 @@ from .._types import Numbers
 from ..curve_fitting.results import FITTED, KIM, CurveFit, Kept
 from ..curve_fitting.space import CurveSpace
 from ..techniques import HeadMovement
-from .drawing import (
-    BLUE,
-    GREY,
-    LABEL,
-    SKY,
-    VERMILLION,
-    errorbar,
-    label_ticks,
-    panels,
-    save,
-    styled,
-    ticks,
-)
+from . import drawing
 
 DIFFERENCES = (0.0, 0.2)
 """Colour differences at which weights are drawn, shares of the largest."""
 
-_FITTED, _KIM, _FRONT, _OTHER = BLUE, VERMILLION, SKY, "black"
+_FITTED, _KIM, _FRONT, _OTHER = drawing.BLUE, drawing.VERMILLION, drawing.SKY, "black"
 _NAME = "#2A7FB0"  # of the front, darker to be read
 _LEVEL = 0.95
 _STEPS = 201
@@ -68,15 +56,15 @@ def _weights(
 
 def write_curve(fit: CurveFit, path: Path, footer: str) -> Path:
     """Draw a fitted curve as a PNG file, written whole or not at all."""
-    return save(draw_curve(fit, footer), path, bbox_inches="tight")
+    return drawing.save(draw_curve(fit, footer), path, bbox_inches="tight")
 
 
 def write_front(fit: CurveFit, path: Path, gain: str, footer: str) -> Path:
     """Draw a fit's front as a PNG file, written whole or not at all."""
-    return save(draw_front(fit, gain, footer), path, bbox_inches="tight")
+    return drawing.save(draw_front(fit, gain, footer), path, bbox_inches="tight")
 
 
-@styled
+@drawing.styled
 def draw_curve(fit: CurveFit, footer: str) -> Figure:
     """Draw the weight of the current picture against head speed, beside Kim et al.'s.
 
@@ -88,7 +76,8 @@ def draw_curve(fit: CurveFit, footer: str) -> Figure:
         f"Band: {100 * _LEVEL:g} % of a bootstrap over sessions, where colours do not "
         f"differ. {footer}"
     )
-    figure, (axes,) = panels(6.8 + 4.4 * is_local, 4.6, words, columns=1 + is_local)
+    width = 6.8 + 4.4 * is_local
+    figure, (axes,) = drawing.panels(width, 4.6, words, columns=1 + is_local)
     ramp = jnp.linspace(0, 1, _STEPS, dtype=jnp.asarray(fit.errors.drawn).dtype)
     fastest = max(float(t.h_max_deg_s) for t in (fit.technique, HeadMovement()))
     speeds = ramp * min(1.1 * fastest, _FASTEST_DEG_S)
@@ -133,7 +122,7 @@ def _compare(
     axes.plot(x, kim, color=_KIM, lw=1.8, label=f"Kim et al.{where}", **look)
 
 
-@styled
+@drawing.styled
 def draw_front(fit: CurveFit, gain: str, footer: str) -> Figure:
     """Draw flicker against detail loss: the family's front, and what lies about it.
 
@@ -148,7 +137,7 @@ def draw_front(fit: CurveFit, gain: str, footer: str) -> Figure:
         f"flicker {freeze[0].value:.2g} at a detail loss of {freeze[1].value:.3g}. "
         f"{footer}"
     )
-    figure, ((axes,),) = panels(7.2, 5.0, words)
+    figure, ((axes,),) = drawing.panels(7.2, 5.0, words)
     front = sorted([*(point.kept for point in fit.front), fit.kept[FITTED]], key=_place)
     axes.plot(*zip(*map(_place, front), strict=True), color=_FRONT, lw=1.8, zorder=2)
     for kept in front:
@@ -168,13 +157,13 @@ def draw_front(fit: CurveFit, gain: str, footer: str) -> Figure:
     high = max(x.high for x in losses) * 1.05
     axes.set_xscale("log")
     axes.set_xlim(low, high)
-    label_ticks(axes.xaxis, FixedLocator(ticks(low, high)))
+    drawing.label_ticks(axes.xaxis, FixedLocator(drawing.ticks(low, high)))
     axes.set_ylim(0, 1.12 * max(y.high for y in flickers))
     ssaa = fit.kept["ssaa4"].intervals()[0]
     edge = low * (high / low) ** 0.015
     bar = (ssaa.value, ssaa.low, ssaa.high)
-    errorbar(axes, edge, bar, fmt="<", color=GREY, ms=7, zorder=4)
-    _name(axes, (edge, ssaa.value), "ssaa4: detail loss 0", GREY, 1)
+    drawing.errorbar(axes, edge, bar, fmt="<", color=drawing.GREY, ms=7, zorder=4)
+    _name(axes, (edge, ssaa.value), "ssaa4: detail loss 0", drawing.GREY, 1)
     axes.set_xlabel("detail loss / that of no anti-aliasing (logarithmic)")
     axes.set_ylabel("MTCD / that of no anti-aliasing")
     axes.grid()
@@ -188,7 +177,7 @@ def _place(kept: Kept) -> tuple[float, float]:
 
 def _point(axes: Axes, kept: Kept, **look: Any) -> None:
     flicker, loss = ((x.value, x.low, x.high) for x in kept.intervals())
-    errorbar(axes, loss, flicker, lw=1.1, zorder=3, **look)
+    drawing.errorbar(axes, loss, flicker, lw=1.1, zorder=3, **look)
 
 
 def _name(
@@ -202,7 +191,7 @@ def _name(
         textcoords="offset points",
         ha="left" if side > 0 else "right",
         va="bottom" if side > 0 else "top",
-        fontsize=LABEL,
+        fontsize=drawing.LABEL,
         fontweight="bold",
         color=colour,
         zorder=6,

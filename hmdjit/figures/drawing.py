@@ -31,6 +31,7 @@ DASHES: list[Any] = ["-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)), (0, (3,
 
 # Sizes of type, points: names of points, lines and rows, notes, numbers, small print.
 NAME, LABEL, NOTE, NUMBER, FINE = 9.0, 8.5, 8.0, 7.5, 6.5
+SMALL: dict[str, Any] = {"fontsize": NOTE, "color": GREY}
 
 styled = matplotlib.rc_context(
     {

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..estimates.summary import GEOMETRIC_MEAN, POOLED, SummaryRow
-from .drawing import GREY, GRID, LABEL, NOTE, PAPER, SHADE, errorbar
+from . import drawing
 from .techniques import Compared
 
 KIM_RATIO = 0.56
@@ -29,9 +29,9 @@ def draw_ratios(study: Compared) -> Figure:
         1.6 + pitch * (tall + len(lines)),
         f"How much flicker is left: MTCD as a share of {study.baseline}'s",
     )
-    axes.axhspan(-tall / 2, tall / 2 + 1, color=SHADE, lw=0, zorder=0)
+    axes.axhspan(-tall / 2, tall / 2 + 1, color=drawing.SHADE, lw=0, zorder=0)
     for y in place[2:]:
-        axes.axhline(y, color=GRID, lw=0.6, zorder=0)
+        axes.axhline(y, color=drawing.GRID, lw=0.6, zorder=0)
     room = np.array([tall - 0.4, *[0.6] * (len(lines) - 1)])
     share = (np.arange(len(others)) + 0.5) / max(len(others), 1) - 0.5
     dodges = share[:, None] * room
@@ -43,27 +43,26 @@ def draw_ratios(study: Compared) -> Figure:
                 ends.append(1.05 * np.nanmax([row.ratio, row.ratio_high]))
                 look = study.points(technique) | {"ms": 4.5, "lw": 1.2, "capsize": 2}
                 ratio = (row.ratio, row.ratio_low, row.ratio_high)
-                errorbar(axes, ratio, float(y), clip_on=False, zorder=4, **look)
+                drawing.errorbar(axes, ratio, float(y), clip_on=False, zorder=4, **look)
     reach = max(ends)
     for technique, y in zip(others, dodges[:, 0], strict=True):
         _name_headline(axes, study, study.rows[technique, POOLED], y, reach)
     for line, y in zip(lines, place, strict=True):
         cells = [study.rows[technique, line] for technique in others]
         if cells and not any(math.isfinite(row.ratio) for row in cells):
-            note = cells[0].note
-            look = {"color": GREY, "fontsize": NOTE, "ha": "center", "va": "center"}
-            axes.text(0.3, y, note, bbox=PAPER, **look)
+            look = {"ha": "center", "va": "center", "bbox": drawing.PAPER}
+            axes.text(0.3, y, cells[0].note, **look, **drawing.SMALL)
     axes.axvline(1, color="black", lw=1.2, zorder=1)
     head = f"{study.baseline} = 1"
     above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
-    axes.text(1, 1.005, head, fontsize=NOTE, **above)
+    axes.text(1, 1.005, head, fontsize=drawing.NOTE, **above)
     if any(technique.startswith("head_movement") for technique in others):
-        axes.axvline(KIM_RATIO, color=GREY, lw=1.2, ls="--", zorder=1)
+        axes.axvline(KIM_RATIO, color=drawing.GREY, lw=1.2, ls="--", zorder=1)
         kim = f"Kim et al.: {KIM_RATIO}"
-        axes.text(KIM_RATIO, 1.005, kim, fontsize=NOTE, color=GREY, **above)
+        axes.text(KIM_RATIO, 1.005, kim, **above, **drawing.SMALL)
     names = ["all scenes:\nratio of means", "all scenes:\ngeometric mean"]
     names += [f"{scene}  ({flicker(scene):.2g})" for scene in scenes]
-    axes.set_yticks(place, names, fontsize=LABEL)
+    axes.set_yticks(place, names, fontsize=drawing.LABEL)
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0, reach)
     axes.set_ylim(place[-1] + 0.6, -tall / 2)
@@ -90,9 +89,9 @@ def _name_headline(
         textcoords="offset points",
         ha="left" if is_right else "right",
         va="center_baseline",
-        fontsize=NOTE,
+        fontsize=drawing.NOTE,
         fontweight="bold",
         color=study.look[row.technique][0],
-        bbox=PAPER | {"facecolor": SHADE},
+        bbox=drawing.PAPER | {"facecolor": drawing.SHADE},
         zorder=3,
     )

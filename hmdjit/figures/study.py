@@ -12,21 +12,7 @@ from matplotlib.ticker import FixedLocator
 
 from ..estimates.intervals import Z95
 from ..estimates.summary import POOLED, SummaryRow
-from .drawing import (
-    FINE,
-    GREY,
-    NAME,
-    NOTE,
-    NUMBER,
-    PAPER,
-    errorbar,
-    label_points,
-    label_ticks,
-    save,
-    styled,
-    symlog,
-    ticks,
-)
+from . import drawing
 from .ratios import draw_ratios
 from .techniques import Compared
 
@@ -44,12 +30,12 @@ def write_figures(
     **Returns:** the paths of the files, named as `draw` names their figures.
     """
     return [
-        save(figure, Path(folder) / f"{name}.png", bbox_inches="tight")
+        drawing.save(figure, Path(folder) / f"{name}.png", bbox_inches="tight")
         for name, figure in draw(dataset, rows).items()
     ]
 
 
-@styled
+@drawing.styled
 def draw(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> dict[str, Figure]:
     """Draw the figures of a study.
 
@@ -106,9 +92,9 @@ def _distributions(study: Compared) -> Figure:
             margin = math.sqrt(math.log(2 / 0.05) / (2 * count))
             band = np.clip(y - margin, 0, 1), np.clip(y + margin, 0, 1)
             axes.fill_between(x, *band, step="post", color=colour, alpha=0.15, lw=0)
-    label_ticks(
+    drawing.label_ticks(
         axes.xaxis,
-        FixedLocator([zero] * has_zeros + ticks(low, high)),
+        FixedLocator([zero] * has_zeros + drawing.ticks(low, high)),
         lambda value, _: "0" if has_zeros and value < low else f"{value:g}",
     )
     axes.set_xlim(left, high)
@@ -117,9 +103,9 @@ def _distributions(study: Compared) -> Figure:
     if has_zeros:
         place = axes.get_xaxis_transform()
         gap = math.sqrt(zero * low)
-        look = {"fontsize": NAME, "ha": "center", "va": "center", "clip_on": False}
-        axes.text(gap, 0, "//", transform=place, bbox=PAPER, zorder=10, **look)
-    axes.axhline(0.5, color=GREY, lw=0.6, ls=":")
+        look = {"ha": "center", "va": "center", "clip_on": False, "bbox": drawing.PAPER}
+        axes.text(gap, 0, "//", size=drawing.NAME, transform=place, zorder=10, **look)
+    axes.axhline(0.5, color=drawing.GREY, lw=0.6, ls=":")
     axes.set_xlabel("MTCD of a session, code values of 8 bits (logarithmic)")
     axes.set_ylabel("sessions that flicker at most this much")
     beside: Any = "outside right"  # missing from matplotlib's own types
@@ -147,7 +133,7 @@ def _figure3(study: Compared) -> Figure:
         values = values[np.isfinite(values)]
         colour = study.look[technique][0]
         if not values.size:
-            look = {"fontsize": NOTE, "color": GREY, "ha": "center", "va": "bottom"}
+            look = {"ha": "center", "va": "bottom", **drawing.SMALL}
             axes.text(index, 0, "no session", **look)
             continue
         # Scenes count alike, however many sessions each of them has.
@@ -160,11 +146,11 @@ def _figure3(study: Compared) -> Figure:
             bar = axes.bar(index + place, height, 0.25, color=colour, alpha=alpha)
             text = f"{height:.0f}" if height >= 10 else f"{round(height, 3):.2g}"
             weight = "bold" if is_mean else "normal"
-            axes.bar_label(bar, [text], padding=2, fontsize=NUMBER, fontweight=weight)
+            axes.bar_label(bar, [text], padding=2, size=drawing.NUMBER, weight=weight)
     axes.set_xticks(range(len(names)), names)
-    axes.tick_params(axis="x", length=0, pad=14, labelsize=NAME)
+    axes.tick_params(axis="x", length=0, pad=14, labelsize=drawing.NAME)
     minor = [index + place for index in range(len(names)) for place in places]
-    small = {"fontsize": FINE, "color": GREY}
+    small = {"fontsize": drawing.FINE, "color": drawing.GREY}
     axes.set_xticks(minor, [*marks] * len(names), minor=True, **small)
     axes.tick_params(axis="x", which="minor", length=0, pad=2)
     axes.set_ylabel("MTCD, code values of 8 bits")
@@ -196,12 +182,12 @@ def _flicker_detail(study: Compared) -> Figure:
             )
             mtcd = (pooled.mean, pooled.low, pooled.high)
             look |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
-            errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **look)
+            drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **look)
     every = study.rows.values()
     pooled = [row for row in every if row.scene == POOLED]
     losses = [row.detail_loss for row in every]
-    symlog(axes, "x", [row.detail_loss for row in pooled], losses)
-    symlog(axes, "y", [row.mean for row in pooled], [row.mean for row in every])
+    drawing.symlog(axes, "x", [row.detail_loss for row in pooled], losses)
+    drawing.symlog(axes, "y", [row.mean for row in pooled], [row.mean for row in every])
     axes.grid()
     axes.set_xlabel("detail loss: squared error to the reference, code values²")
     axes.set_ylabel("MTCD, code values of 8 bits")
@@ -211,13 +197,13 @@ def _flicker_detail(study: Compared) -> Figure:
         (0.11, 0.14),
         xycoords="axes fraction",
         textcoords="axes fraction",
-        fontsize=NAME,
-        color=GREY,
-        arrowprops={"arrowstyle": "->", "color": GREY},
+        fontsize=drawing.NAME,
+        color=drawing.GREY,
+        arrowprops={"arrowstyle": "->", "color": drawing.GREY},
     )
     names = [
         (row, study.label(row.technique), study.look[row.technique]) for row in shown
     ]
     points = [(row.detail_loss, row.mean, name, look[0]) for row, name, look in names]
-    label_points(figure, axes, points)
+    drawing.label_points(figure, axes, points)
     return figure

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ..estimates.summary import SummaryRow
 from ..studies.identity import footer, metric_ids
-from .drawing import COLOURS, DASHES, GREY, NOTE, panels
+from .drawing import COLOURS, DASHES, SMALL, panels
 
 if TYPE_CHECKING:
     import xarray
@@ -60,6 +60,5 @@ class Compared:
         figure, ((axes,),) = panels(width, height, self.footer)
         axes.set_title(title, pad=22)
         place = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        small = {"fontsize": NOTE, "color": GREY, "va": "bottom"}
-        axes.annotate(subtitle, (0, 1), (0, 6), **place, **small)
+        axes.annotate(subtitle, (0, 1), (0, 6), va="bottom", **place, **SMALL)
         return figure, axes

@@ -13,23 +13,10 @@ from ..estimates.intervals import Z95
 from ..studies.identity import camera_words, frames_words
 from ..trade_off.settings import DEFAULT
 from ..trade_off.trade_off import NEGLIGIBLE, Identity, Row, front_of
-from .drawing import (
-    BLUE,
-    DASHES,
-    GREY,
-    NOTE,
-    NUMBER,
-    VERMILLION,
-    errorbar,
-    label_points,
-    label_ticks,
-    panels,
-    save,
-    styled,
-)
+from . import drawing
 
 _MONTE_CARLO = 0.01  # relative standard error to which seconds are counted
-_FRONT, _DEFAULT, _OTHER = BLUE, VERMILLION, "#777777"
+_FRONT, _DEFAULT, _OTHER = drawing.BLUE, drawing.VERMILLION, "#777777"
 _NAME = "#4d4d4d"  # of the others, darker to be read
 _MOST_CURVES = 6
 _SESSIONS = 500  # of the default study, marked on the curves
@@ -47,10 +34,10 @@ def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
 
     **Errors:** `ValueError` if no row can be drawn.
     """
-    return save(draw(rows), Path(path), bbox_inches="tight")
+    return drawing.save(draw(rows), Path(path), bbox_inches="tight")
 
 
-@styled
+@drawing.styled
 def draw(rows: Sequence[Row]) -> Figure:
     """Draw a trade-off, two panels per technique whose knobs were turned."""
     shown = [row for row in rows if row.reference_mtcd > 0 and row.knob != "samples"]
@@ -58,7 +45,7 @@ def draw(rows: Sequence[Row]) -> Figure:
     techniques = list(dict.fromkeys(usual or [row.technique for row in shown]))
     if not techniques:
         raise ValueError("rows must hold a setting with flicker to be drawn, got none.")
-    figure, axes = panels(
+    figure, axes = drawing.panels(
         13.0,
         5.2 * len(techniques),
         _footer(rows[0].identity),
@@ -123,7 +110,7 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
         spread = 100 * Z95 * row.bias_se / row.reference_mtcd
         floor = 100 * NEGLIGIBLE
         is_front = row in front
-        errorbar(
+        drawing.errorbar(
             axes,
             seconds,
             (bias, max(bias - spread, floor), bias + spread * (spread > floor)),
@@ -145,15 +132,15 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
     bottom, top = axes.get_ylim()
     axes.set_ylim(min(bottom, 100 * NEGLIGIBLE) / 2, top)
     floor = 100 * NEGLIGIBLE
-    axes.axhline(floor, color=GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
+    axes.axhline(floor, color=drawing.GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
     axes.annotate(
         f"{floor:g} % or less",
         (1, floor),
         xycoords=("axes fraction", "data"),
         xytext=(-2, -3),
         textcoords="offset points",
-        fontsize=NUMBER,
-        color=GREY,
+        fontsize=drawing.NUMBER,
+        color=drawing.GREY,
         va="top",
         ha="right",
     )
@@ -178,14 +165,9 @@ def _curves(axes: Axes, rows: Sequence[Row]) -> None:
     seconds = _seconds(curves)
     for i, row in enumerate(curves):
         errors = [100 * row.error(t) for t in seconds]
-        is_usual = row.knob == DEFAULT
-        axes.plot(
-            seconds,
-            errors,
-            color=_DEFAULT if is_usual else _FRONT,
-            ls=DASHES[i % len(DASHES)],
-            lw=1.8,
-        )
+        colour = _DEFAULT if row.knob == DEFAULT else _FRONT
+        dashes = drawing.DASHES[i % len(drawing.DASHES)]
+        axes.plot(seconds, errors, color=colour, ls=dashes, lw=1.8)
         at = _SESSIONS * row.s_per_session
         axes.plot(at, 100 * row.error(at), "o", color="black", ms=4, zorder=5)
     if curves:
@@ -207,7 +189,7 @@ def _logarithmic(axes: Axes) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         subs = (1.0,) if high / low > 1000 else (1.0, 2.0, 5.0)
-        label_ticks(axis, LogLocator(subs=subs))
+        drawing.label_ticks(axis, LogLocator(subs=subs))
     axes.grid()
 
 
@@ -219,7 +201,7 @@ def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None
         for row in ordered
         if np.isfinite(row.seconds_to(_MONTE_CARLO))
     ]
-    label_points(figure, left, points, fontsize=NOTE)
+    drawing.label_points(figure, left, points, fontsize=drawing.NOTE)
     curves = _shown_curves(rows)
     seconds = _seconds(curves)
     # Each name stands on its curve, the flattest ones at the right.
@@ -230,4 +212,4 @@ def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None
         at = float(seconds[int(share * (len(seconds) - 1))])
         colour = _DEFAULT if row.knob == DEFAULT else _FRONT
         names.append((at, 100 * row.error(at), row.setting, colour))
-    label_points(figure, right, names, fontsize=NOTE)
+    drawing.label_points(figure, right, names, fontsize=drawing.NOTE)
