@@ -66,9 +66,17 @@ FOLDERS = {
     ],
     "scenes": [("base",), ("baking", "stored"), ("*",), ("study_set",)],
     "metrics": [("base",), ("*",)],
-    "techniques": [("base",), ("*",), ("curve_file",), ("registry",)],
+    "techniques": [
+        ("small_motion",),
+        ("base",),
+        ("check",),
+        ("*",),
+        ("curve_file",),
+        ("registry",),
+    ],
     "simulation": [
         ("blocks", "sharding", "halo", "apply"),
+        ("views",),
         ("session",),
         ("simulate",),
     ],
@@ -79,14 +87,13 @@ FOLDERS = {
         ("summary",),
     ],
     "studies": [
-        ("measured_blocks", "failures", "progress"),
+        ("measured_blocks", "failures", "progress", "store"),
         ("sessions",),
-        ("store",),
-        ("runner",),
-        ("sampler",),
+        ("definition", "runner"),
+        ("identity", "dataset", "sampler"),
         ("sequential",),
-        ("study",),
         ("run",),
+        ("study",),
     ],
     "trade_off": [("settings",), ("bench",), ("trade_off",), ("measuring", "choice")],
     "sensitivity": [("derivatives",), ("sensitivity",)],
@@ -104,8 +111,8 @@ FOLDERS = {
         ("extremes",),
         ("holes",),
     ],
-    "figures": [("drawing",), ("*",)],
-    "reports": [("*",)],
+    "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
+    "reports": [("tables",), ("*",)],
     "cli": [("options", "progress"), ("definition",), ("*",), ("main",)],
 }
 
@@ -113,9 +120,7 @@ FOLDERS = {
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("head_motion.process", "head_motion.presets"): "HeadMotion.seated() and others",
     ("head_motion.process", "head_fitting.fitting"): "HeadMotion.fit(), for users",
-    ("studies.study", "studies.run"): "Study.run(), for users",
-    ("figures.curve_fitting", "reports.curve_fitting"): "words of a fit",
-    ("theory.control_variates", "studies.sessions"): "a batch's type",
+    ("estimates.summary", "studies.sampler"): "a goal's cells, until they move",
 }
 
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}

@@ -100,7 +100,7 @@ def test_a_free_localisation_has_its_own_panel():
 
 
 def test_the_front_is_drawn_with_its_neighbours():
-    figure = figures.draw_front(fitted(), "The footer.")
+    figure = figures.draw_front(fitted(), "A gain.", "The footer.")
     (axes,) = figure.axes
     drawn = np.asarray(axes.lines[0].get_xydata())
     np.testing.assert_allclose(drawn[:, 1], 1 - drawn[:, 0] / 3, rtol=1e-9)
@@ -108,14 +108,18 @@ def test_the_front_is_drawn_with_its_neighbours():
     assert low < 0.5 < 3.0 < high < 10  # freeze, at 40, does not squeeze the rest
     words = " ".join(text.get_text() for text in figure.texts).replace("\n", " ")
     assert "freeze, flicker 0 at a detail loss of 40" in words
+    assert "A gain. Bars: 95 %" in words
     assert "The footer." in words
     names = {text.get_text() for text in axes.texts}
     assert {"Kim et al.", "fitted", "no anti-aliasing"} <= names
 
 
 def test_pictures_are_written(tmp_path):
-    for write in (figures.write_curve, figures.write_front):
-        path = write(fitted(), tmp_path / f"{write.__name__}.png", "footer")
+    paths = [
+        figures.write_curve(fitted(), tmp_path / "curve.png", "footer"),
+        figures.write_front(fitted(), tmp_path / "front.png", "gain", "footer"),
+    ]
+    for path in paths:
         assert path.read_bytes()[:4] == b"\x89PNG"
         assert path.stat().st_size > 10_000
 

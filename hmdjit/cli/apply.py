@@ -57,7 +57,7 @@ class ApplyCommand:
                 f"out must differ from the folder of the frames, got {out}."
             )
 
-        before, after = metrics.StreamedMtcd(), metrics.StreamedMtcd()
+        before, after = metrics.Streamed(metrics.MTCD()), metrics.Streamed(metrics.MTCD())
 
         def pictures() -> Iterator[np.ndarray]:
             for file in rich.progress.track(files, technique.id, console=console):

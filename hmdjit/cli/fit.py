@@ -13,6 +13,7 @@ from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
 from ..figures import curve_fitting as figures
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
+from ..studies.identity import camera_words, frames_words
 from ..studies.measured_blocks import Tiles
 from ..studies.study import Study
 from ..techniques import curve_file
@@ -134,7 +135,7 @@ class FitCommand:
         # The curve comes last: where it is, its pictures are.
         footer = _footer(about)
         figures.write_curve(found, pictures[0], footer)
-        figures.write_front(found, pictures[1], footer)
+        figures.write_front(found, pictures[1], report.gain_sentence(found), footer)
         table = report.provenance(found, about, self.lag)
         curve_file.write(self.out, found.technique, about={"fit": table})
         journal.unlink(missing_ok=True)
@@ -211,10 +212,8 @@ def _about(
 def _footer(about: dict[str, Any]) -> str:
     return (
         f"Fitted to {', '.join(about['scenes'])}; head {about['head']}; camera "
-        f"{about['width_px']} × {about['height_px']} px, {about['fov_deg']:g}° wide, "
-        f"{about['refresh_hz']:.4g} Hz; {about['sessions']} sessions of "
-        f"{about['frames']} frames after {about['warmup']} of warm-up, seed "
-        f"{about['seed']}."
+        f"{camera_words(about)}; {about['sessions']} sessions of "
+        f"{frames_words(about)}."
     )
 
 

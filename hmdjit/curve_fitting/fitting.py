@@ -30,9 +30,9 @@ from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.session import fastest_reading
 from ..simulation.sharding import mesh, placed
+from ..studies.identity import MODEL_VERSION
 from ..studies.measured_blocks import Tiles
 from ..studies.progress import Progress, Tell
-from ..studies.run import MODEL_VERSION
 from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
 from ..studies.store import fingerprint

@@ -14,6 +14,9 @@ from .errors import Errors
 from .search import Numbers
 from .space import CurveSpace
 
+KIM, FITTED = HeadMovement().id, "fitted"
+"""Kim et al.'s constants and the fitted curve, among what techniques keep."""
+
 
 def _mean(x: Float[np.ndarray, " sessions"]) -> Interval:
     return student_interval(mean_of(x))

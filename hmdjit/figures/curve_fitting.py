@@ -1,29 +1,27 @@
 """Pictures of a fitted curve, and of the front that it is on."""
 
-import textwrap
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator
 
 from .. import blending
 from .._types import Numbers
-from ..curve_fitting.results import CurveFit, Kept
+from ..curve_fitting.results import FITTED, KIM, CurveFit, Kept
 from ..curve_fitting.space import CurveSpace
-from ..reports.curve_fitting import FITTED, KIM, gain_sentence
 from ..techniques import HeadMovement
-from .drawing import DPI, GREY, save, ticks
+from . import drawing
 
 DIFFERENCES = (0.0, 0.2)
 """Colour differences at which weights are drawn, shares of the largest."""
 
-_FITTED, _KIM, _FRONT, _OTHER = "#0072B2", "#D55E00", "#56B4E9", "black"
+_FITTED, _KIM, _FRONT, _OTHER = drawing.BLUE, drawing.VERMILLION, drawing.SKY, "black"
 _NAME = "#2A7FB0"  # of the front, darker to be read
 _LEVEL = 0.95
 _STEPS = 201
@@ -48,42 +46,25 @@ def current_weight(
 def _weights(
     space: CurveSpace,
     drawn: Float[Array, "draws names"],
-    speeds_deg_s: Float[Array, " speeds"],
-    difference: Numbers,
-) -> Float[Array, "draws speeds"]:
-    def one(numbers: Numbers) -> Float[Array, " speeds"]:
-        technique = space.of_numbers(numbers)
-        at = lambda speed: current_weight(technique, speed, difference)
-        return jax.vmap(at)(speeds_deg_s)
-
-    return jax.vmap(one)(drawn)
-
-
-@jax.jit
-def _minima(
-    space: CurveSpace,
-    drawn: Float[Array, "draws names"],
-    differences: Float[Array, " differences"],
-) -> Float[Array, "draws differences"]:
-    def one(numbers: Numbers) -> Float[Array, " differences"]:
-        technique = space.of_numbers(numbers)
-        still = jnp.zeros((), numbers.dtype)
-        at = lambda difference: current_weight(technique, still, difference)
-        return jax.vmap(at)(differences)
-
+    speeds_deg_s: Float[Array, " places"],
+    differences: Float[Array, " places"],
+) -> Float[Array, "draws places"]:
+    at = jax.vmap(current_weight, in_axes=(None, 0, 0))
+    one = lambda numbers: at(space.of_numbers(numbers), speeds_deg_s, differences)
     return jax.vmap(one)(drawn)
 
 
 def write_curve(fit: CurveFit, path: Path, footer: str) -> Path:
     """Draw a fitted curve as a PNG file, written whole or not at all."""
-    return save(draw_curve(fit, footer), path, bbox_inches="tight")
+    return drawing.save(draw_curve(fit, footer), path, bbox_inches="tight")
 
 
-def write_front(fit: CurveFit, path: Path, footer: str) -> Path:
+def write_front(fit: CurveFit, path: Path, gain: str, footer: str) -> Path:
     """Draw a fit's front as a PNG file, written whole or not at all."""
-    return save(draw_front(fit, footer), path, bbox_inches="tight")
+    return drawing.save(draw_front(fit, gain, footer), path, bbox_inches="tight")
 
 
+@drawing.styled
 def draw_curve(fit: CurveFit, footer: str) -> Figure:
     """Draw the weight of the current picture against head speed, beside Kim et al.'s.
 
@@ -91,80 +72,82 @@ def draw_curve(fit: CurveFit, footer: str) -> Figure:
     A band holds 95 % of the bootstrap's curves at each place.
     """
     is_local = fit.space.localization != "linear"
-    figure, panels = _figure(6.8 + 4.4 * is_local, 4.6, 1 + is_local)
-    drawn = jnp.asarray(fit.errors.drawn)
-    kim = HeadMovement()
-    fastest = max(float(fit.technique.h_max_deg_s), float(kim.h_max_deg_s))
-    fastest = min(1.1 * fastest, _FASTEST_DEG_S)
-    speeds = jnp.linspace(0, fastest, _STEPS, dtype=drawn.dtype)
-    axes = panels[0]
-    for difference, dashes in zip(DIFFERENCES, ("-", (0, (4, 2))), strict=True):
-        at = jnp.asarray(difference, drawn.dtype)
-        of = jax.vmap(current_weight, in_axes=(None, 0, None))
-        where = f"colour difference {difference:g}"
-        if difference == 0:
-            _band(axes, speeds, _weights(fit.space, drawn, speeds, at))
-        line = {"ls": dashes, "lw": 1.8}
-        fitted = of(fit.technique, speeds, at)
-        axes.plot(speeds, fitted, color=_FITTED, label=f"fitted, {where}", **line)
-        kims = of(kim, speeds, at)
-        axes.plot(speeds, kims, color=_KIM, label=f"Kim et al., {where}", **line)
-    axes.set_xlabel("head speed, deg/s")
-    axes.set_ylabel("weight of the current picture")
-    _title(axes, "How much of the current picture is shown")
-    if is_local:
-        differences = jnp.linspace(0, 1, _STEPS, dtype=drawn.dtype)
-        still = jnp.zeros((), drawn.dtype)
-        of = jax.vmap(current_weight, in_axes=(None, None, 0))
-        axes = panels[1]
-        _band(axes, differences, _minima(fit.space, drawn, differences))
-        fitted = of(fit.technique, still, differences)
-        axes.plot(differences, fitted, color=_FITTED, lw=1.8, label="fitted")
-        axes.plot(
-            differences,
-            of(kim, still, differences),
-            color=_KIM,
-            lw=1.8,
-            label="Kim et al.",
-        )
-        axes.set_xlabel("colour difference, share of the largest")
-        axes.set_ylabel("weight while the head is still")
-        _title(axes, "Its minimum where pictures differ")
-    for axes in panels:
-        axes.set_ylim(0, 1.02)
-        axes.margins(x=0)
-        axes.legend(frameon=False, fontsize=8.5)
-    bands = (
+    words = (
         f"Band: {100 * _LEVEL:g} % of a bootstrap over sessions, where colours do not "
-        "differ."
+        f"differ. {footer}"
     )
-    _footer(figure, f"{bands} {footer}")
+    width = 6.8 + 4.4 * is_local
+    figure, (axes,) = drawing.panels(width, 4.6, words, columns=1 + is_local)
+    ramp = jnp.linspace(0, 1, _STEPS, dtype=jnp.asarray(fit.errors.drawn).dtype)
+    fastest = max(float(t.h_max_deg_s) for t in (fit.technique, HeadMovement()))
+    speeds = ramp * min(1.1 * fastest, _FASTEST_DEG_S)
+    for difference, dashes in zip(DIFFERENCES, ("-", (0, (4, 2))), strict=True):
+        at = (speeds, jnp.full_like(ramp, difference))
+        if difference == 0:
+            _band(axes[0], fit, speeds, at)
+        where = f", colour difference {difference:g}"
+        _compare(axes[0], fit, speeds, at, where, ls=dashes)
+    axes[0].set_xlabel("head speed, deg/s")
+    axes[0].set_ylabel("weight of the current picture")
+    axes[0].set_title("How much of the current picture is shown")
+    if is_local:
+        at = (jnp.zeros_like(ramp), ramp)
+        _band(axes[1], fit, ramp, at)
+        _compare(axes[1], fit, ramp, at)
+        axes[1].set_xlabel("colour difference, share of the largest")
+        axes[1].set_ylabel("weight while the head is still")
+        axes[1].set_title("Its minimum where pictures differ")
+    for panel in axes:
+        panel.set_ylim(0, 1.02)
+        panel.margins(x=0)
+        panel.legend()
     return figure
 
 
-def _band(axes: Axes, x: Array, curves: Array) -> None:
+_Places = tuple[Float[Array, " places"], Float[Array, " places"]]
+
+
+def _band(axes: Axes, fit: CurveFit, x: Array, at: _Places) -> None:
+    curves = _weights(fit.space, jnp.asarray(fit.errors.drawn), *at)
     low, high = np.quantile(curves, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2], axis=0)
     axes.fill_between(x, low, high, color=_FITTED, alpha=0.18, lw=0)
 
 
-def draw_front(fit: CurveFit, footer: str) -> Figure:
+def _compare(
+    axes: Axes, fit: CurveFit, x: Array, at: _Places, where: str = "", **look: Any
+) -> None:
+    of = jax.vmap(current_weight, in_axes=(None, 0, 0))
+    fitted, kim = of(fit.technique, *at), of(HeadMovement(), *at)
+    axes.plot(x, fitted, color=_FITTED, lw=1.8, label=f"fitted{where}", **look)
+    axes.plot(x, kim, color=_KIM, lw=1.8, label=f"Kim et al.{where}", **look)
+
+
+@drawing.styled
+def draw_front(fit: CurveFit, gain: str, footer: str) -> Figure:
     """Draw flicker against detail loss: the family's front, and what lies about it.
 
     SSAA, which loses no detail, stands at the left edge; freeze is told in words.
+
+    **Arguments:** `gain`: what the front gains over Kim et al.'s constants, in words.
     """
-    figure, (axes,) = _figure(7.2, 5.0, 1)
-    front = [*(point.kept for point in fit.front), fit.kept[FITTED]]
-    front.sort(key=_detail)
-    places = np.array([_place(kept) for kept in front])
-    axes.plot(*places.T, color=_FRONT, lw=1.8, zorder=2)
+    freeze = fit.kept["freeze"].intervals()
+    words = (
+        f"{gain} Bars: 95 % over sessions that nothing was fitted to; all saw the same "
+        "ones, so that differences are known better than that. Not shown: freeze, "
+        f"flicker {freeze[0].value:.2g} at a detail loss of {freeze[1].value:.3g}. "
+        f"{footer}"
+    )
+    figure, ((axes,),) = drawing.panels(7.2, 5.0, words)
+    front = sorted([*(point.kept for point in fit.front), fit.kept[FITTED]], key=_place)
+    axes.plot(*zip(*map(_place, front), strict=True), color=_FRONT, lw=1.8, zorder=2)
     for kept in front:
-        _point(axes, kept, _FRONT, "o")
+        _point(axes, kept, color=_FRONT, fmt="o", ms=5)
     for name, label, colour, marker, side in (
         ("none", "no anti-aliasing", _OTHER, "s", 1),
         (KIM, "Kim et al.", _KIM, "D", 1),
         (FITTED, "fitted", _FITTED, "o", -1),
     ):
-        _point(axes, fit.kept[name], colour, marker, size=7)
+        _point(axes, fit.kept[name], color=colour, fmt=marker, ms=7)
         _name(axes, _place(fit.kept[name]), label, colour, side)
     _name(axes, _place(front[-1]), f"front of the family {fit.space.family}", _NAME, -1)
 
@@ -174,52 +157,27 @@ def draw_front(fit: CurveFit, footer: str) -> Figure:
     high = max(x.high for x in losses) * 1.05
     axes.set_xscale("log")
     axes.set_xlim(low, high)
-    axes.xaxis.set_major_locator(FixedLocator(ticks(low, high)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
+    drawing.label_ticks(axes.xaxis, FixedLocator(drawing.ticks(low, high)))
     axes.set_ylim(0, 1.12 * max(y.high for y in flickers))
     ssaa = fit.kept["ssaa4"].intervals()[0]
     edge = low * (high / low) ** 0.015
-    spread = [[ssaa.value - ssaa.low], [ssaa.high - ssaa.value]]
-    axes.errorbar(edge, ssaa.value, yerr=spread, fmt="<", color=GREY, ms=7, zorder=4)
-    _name(axes, (edge, ssaa.value), "ssaa4: detail loss 0", GREY, 1)
+    bar = (ssaa.value, ssaa.low, ssaa.high)
+    drawing.errorbar(axes, edge, bar, fmt="<", color=drawing.GREY, ms=7, zorder=4)
+    _name(axes, (edge, ssaa.value), "ssaa4: detail loss 0", drawing.GREY, 1)
     axes.set_xlabel("detail loss / that of no anti-aliasing (logarithmic)")
     axes.set_ylabel("MTCD / that of no anti-aliasing")
-    axes.grid(color="#e6e6e6", lw=0.6)
-    axes.set_axisbelow(True)
-    _title(axes, "Flicker against loss of detail")
-    freeze = fit.kept["freeze"].intervals()
-    _footer(
-        figure,
-        f"{gain_sentence(fit)} Bars: 95 % over sessions that nothing was fitted to; "
-        "all saw the same ones, so that differences are known better than that. "
-        f"Not shown: freeze, flicker {freeze[0].value:.2g} at a detail loss of "
-        f"{freeze[1].value:.3g}. {footer}",
-    )
+    axes.grid()
+    axes.set_title("Flicker against loss of detail")
     return figure
 
 
-def _detail(kept: Kept) -> float:
-    return float(np.mean(kept.detail_loss))
-
-
 def _place(kept: Kept) -> tuple[float, float]:
-    return _detail(kept), float(np.mean(kept.flicker))
+    return float(np.mean(kept.detail_loss)), float(np.mean(kept.flicker))
 
 
-def _point(axes: Axes, kept: Kept, colour: str, marker: str, size: int = 5) -> None:
-    flicker, loss = kept.intervals()
-    axes.errorbar(
-        loss.value,
-        flicker.value,
-        xerr=[[loss.value - loss.low], [loss.high - loss.value]],
-        yerr=[[flicker.value - flicker.low], [flicker.high - flicker.value]],
-        fmt=marker,
-        color=colour,
-        ms=size,
-        lw=1.1,
-        zorder=3,
-    )
+def _point(axes: Axes, kept: Kept, **look: Any) -> None:
+    flicker, loss = ((x.value, x.low, x.high) for x in kept.intervals())
+    drawing.errorbar(axes, loss, flicker, lw=1.1, zorder=3, **look)
 
 
 def _name(
@@ -233,27 +191,8 @@ def _name(
         textcoords="offset points",
         ha="left" if side > 0 else "right",
         va="bottom" if side > 0 else "top",
-        fontsize=8.5,
+        fontsize=drawing.LABEL,
         fontweight="bold",
         color=colour,
         zorder=6,
     )
-
-
-def _figure(width: float, height: float, count: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = list(figure.subplots(1, count, squeeze=False)[0])
-    for axes in panels:
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure, panels
-
-
-def _title(axes: Axes, text: str) -> None:
-    axes.set_title(text, loc="left", fontsize=11, fontweight="bold")
-
-
-def _footer(figure: Figure, words: str) -> None:
-    lines = textwrap.fill(words, int(17 * figure.get_figwidth()))
-    # Below the figure's edge: the tight bounding box takes it in.
-    figure.text(0.01, -0.02, lines, fontsize=6.5, color=GREY, va="top")

@@ -1,36 +1,53 @@
-"""What the figures of a study share: looks, titles, scales, labels apart."""
+"""The style of all figures: looks, titles, scales, footers, names apart, files."""
 
 import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, Locator, NullLocator
 from matplotlib.transforms import Bbox
 
 from .._files import written_atomically
-from ..estimates.summary import SummaryRow
-
-if TYPE_CHECKING:
-    import xarray
 
 DPI = 150
 
-GREY = "#666666"
-SHADE = "#f2f2f2"
+GREY, SHADE, GRID = "#666666", "#f2f2f2", "#e6e6e6"
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-# Okabe and Ito's colours, which people with colour-blindness can tell apart; black is
-# the baseline's, and Tol's wine stands for their yellow, too pale to read on white.
-_COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255"]
-_DASHES = ["-", (0, (5, 2)), (0, (1, 1.2))]
-_MARKERS = ["o", "s", "D", "^", "v", "P", "X"]
+# Okabe and Ito's colours, which people with colour-blindness can tell apart; Tol's wine
+# stands for their yellow, too pale to read on white.
+BLUE, VERMILLION, SKY = "#0072B2", "#D55E00", "#56B4E9"
+COLOURS = [BLUE, VERMILLION, "#009E73", "#CC79A7", "#E69F00", SKY, "#882255"]
+DASHES: list[Any] = ["-", (0, (5, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)), (0, (3, 1.5))]
+
+# Sizes of type, points: names of points, lines and rows, notes, numbers, small print.
+NAME, LABEL, NOTE, NUMBER, FINE = 9.0, 8.5, 8.0, 7.5, 6.5
+SMALL: dict[str, Any] = {"fontsize": NOTE, "color": GREY}
+
+styled = matplotlib.rc_context(
+    {
+        "axes.axisbelow": True,
+        "axes.spines.right": False,
+        "axes.spines.top": False,
+        "axes.titlelocation": "left",
+        "axes.titlesize": 11,
+        "axes.titleweight": "bold",
+        "grid.color": GRID,
+        "grid.linewidth": 0.6,
+        "legend.fontsize": LABEL,
+        "legend.frameon": False,
+    }
+)
+"""Decorator of what draws figures: in this style, whatever is set elsewhere."""
 
 
 def save(figure: Figure, path: Path, **options: Any) -> Path:
@@ -42,77 +59,39 @@ def save(figure: Figure, path: Path, **options: Any) -> Path:
     return path
 
 
-def footer(dataset: "xarray.Dataset") -> str:
-    """Say what a picture of this study depends on, in two or three sentences."""
-    a, count = dataset.attrs, dataset.sizes["session"]
-    sessions = f"{count:,} session" + "s" * (count != 1)
-    if "slope" in dataset:  # a study with a goal runs as many as each scene needs
-        sessions = f"Up to {sessions} per scene"
-    words = [
-        f"Camera {a.get('width_px')} × {a.get('height_px')} px, "
-        f"{_number(a, 'fov_deg')}° wide, {_number(a, 'refresh_hz')} Hz: "
-        f"{_number(a, 'px_per_deg_centre')} px/deg in the centre, "
-        f"{_number(a, 'px_per_deg_side')} at the side, "
-        f"{_number(a, 'px_per_deg_mean')} on average; "
-        f"{a.get('measure', 'unknown part')} measured.",
-        f"Head: {textwrap.shorten(str(a.get('head', 'unknown')), 90)}.",
-        f"{sessions} of {a.get('frames')} frames after "
-        f"{a.get('warmup')} of warm-up, seed {a.get('seed')};",
-        f"hmdjit {a.get('hmdjit_version')}, model {a.get('model_version')}, "
-        f"config {str(a.get('config_hash'))[:8]}.",
-    ]
-    return " ".join(words)
+def panels(
+    width: float,
+    height: float,
+    footer: str,
+    rows: int = 1,
+    columns: int = 1,
+    **options: Any,
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure, inches, with a footer below its edge, and its empty panels."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    # The tight bounding box, with which figures are saved, takes the footer in.
+    lines = textwrap.fill(footer, int(20 * width))
+    figure.text(0.01, -0.02, lines, fontsize=FINE, color=GREY, va="top")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def _number(attributes: dict, name: str) -> str:
-    return f"{float(attributes[name]):.4g}" if name in attributes else "?"
+def errorbar(
+    axes: Axes, x: float | Sequence[float], y: float | Sequence[float], **look: Any
+) -> None:
+    """Draw a point with its intervals: `x` and `y` are a value, or value, low, high."""
+    for name, (value, *bounds) in {"x": np.ravel(x), "y": np.ravel(y)}.items():
+        look[name] = value
+        if bounds:
+            spread = np.array([[value - bounds[0]], [bounds[1] - value]])
+            look[f"{name}err"] = np.nan_to_num(spread).clip(0)
+    axes.errorbar(**look)
 
 
-class Drawing:
-    """What all figures read: arrays, rows by cell, and one look per technique."""
-
-    def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
-        order = ("technique", "scene", "session")
-        self.techniques = [str(t) for t in dataset["technique"].values]
-        self.scenes = [str(s) for s in dataset["scene"].values]
-        self.mtcd = dataset["mtcd"].transpose(*order).values.astype(float)
-        self.rows = {(row.technique, row.scene): row for row in rows}
-        self.baseline = str(dataset.attrs["baseline"])
-        self.reference = str(dataset.attrs.get("reference", ""))
-        self.clustered = "subject" in dataset.coords
-        self.footer = footer(dataset)
-        others = [t for t in self.techniques if t != self.baseline]
-        count = len(_COLOURS)
-        self.colour = {t: _COLOURS[i % count] for i, t in enumerate(others)}
-        self.dashes = {t: _DASHES[i // count % 3] for i, t in enumerate(others)}
-        self.marker = {
-            t: _MARKERS[(i + i // count) % count] for i, t in enumerate(others)
-        }
-        self.colour[self.baseline] = "black"
-        self.dashes[self.baseline] = "-"
-        self.marker[self.baseline] = "o"
-
-    def label(self, technique: str) -> str:
-        """Return the technique's id and its role in the study."""
-        role = {self.reference: " (reference)", self.baseline: " (baseline)"}
-        return technique + role.get(technique, "")
-
-    def axes(
-        self, width: float, height: float, title: str, subtitle: str = ""
-    ) -> tuple[Figure, Axes]:
-        """Return an empty figure, inches, with its titles and footer."""
-        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
-        axes = figure.add_subplot()
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.set_title(title, loc="left", fontsize=11, fontweight="bold", pad=22)
-        place = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        small = {"fontsize": 8, "color": GREY, "va": "bottom"}
-        axes.annotate(subtitle, (0, 1), (0, 6), **place, **small)
-        lines = textwrap.fill(self.footer, int(20 * width))
-        # Below the figure's edge: the tight bounding box takes it in.
-        figure.text(0.01, -0.02, lines, fontsize=6.5, color=GREY, va="top")
-        return figure, axes
+def label_ticks(axis: Axis, locator: Locator, label: Any = "{x:g}") -> None:
+    """Label an axis in plain numbers, without further ticks between them."""
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(label)
+    axis.set_minor_locator(NullLocator())
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -135,22 +114,18 @@ def symlog(
     low = min(pooled, default=1.0) / 4
     power = 10.0 ** math.floor(math.log10(low))
     low = power * max(step for step in (1, 2, 5) if step * power <= low * (1 + 1e-9))
-    high = max([*every, 10 * low])
-    set_scale = axes.set_xscale if name == "x" else axes.set_yscale
-    set_limits = axes.set_xlim if name == "x" else axes.set_ylim
-    set_scale("symlog", linthresh=low, linscale=0.4)
-    set_limits(0, high * 1.5)
-    axis = axes.xaxis if name == "x" else axes.yaxis
-    axis.set_major_locator(FixedLocator([0.0, *ticks(low, high * 1.5)]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_locator(NullLocator())
+    high = 1.5 * max([*every, 10 * low])
+    axis = getattr(axes, f"{name}axis")
+    getattr(axes, f"set_{name}scale")("symlog", linthresh=low, linscale=0.4)
+    axes.set(**{f"{name}lim": (0, high)})
+    label_ticks(axis, FixedLocator([0.0, *ticks(low, high)]))
 
 
 def label_points(
     figure: Figure,
     axes: Axes,
     points: list[tuple[float, float, str, str]],
-    fontsize: float = 9,
+    fontsize: float = NAME,
 ) -> None:
     """Write each point's name beside it, where it covers no other name or point.
 

@@ -1,25 +1,23 @@
-"""Figures of a study: distributions, ratios, Kim's Figure 3, flicker against detail."""
+"""Figures of a study: distributions, Kim's Figure 3, flicker against detail."""
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator
 
 from ..estimates.intervals import Z95
-from ..estimates.summary import GEOMETRIC_MEAN, POOLED, SummaryRow
-from .drawing import GREY, PAPER, SHADE, Drawing, label_points, save, symlog, ticks
+from ..estimates.summary import POOLED, SummaryRow
+from . import drawing
+from .ratios import draw_ratios
+from .techniques import Compared
 
 if TYPE_CHECKING:
     import xarray
-
-KIM_RATIO = 0.56
-"""Kim et al.: MTCD of their head-movement based filter, as a share of the original."""
 
 
 def write_figures(
@@ -29,29 +27,37 @@ def write_figures(
 ) -> list[Path]:
     """Draw a study as PNG files of 150 dpi, each written whole or not at all.
 
-    - `distributions.png`: cumulative distribution over sessions, per technique.
-    - `ratios.png`: ratio to the baseline, per scene and over scenes.
-    - `figure3.png`: largest, mean and smallest MTCD, as Kim's Figure 3.
-    - `flicker_detail.png`: flicker against detail loss.
-
-    **Arguments:** `dataset`, `rows`: a study's result, and `results.summarize` of it.
-
-    **Returns:** the paths of the files.
+    **Returns:** the paths of the files, named as `draw` names their figures.
     """
-    drawings: dict[str, Callable[[Drawing], Figure]] = {
-        "distributions.png": _distributions,
-        "ratios.png": _ratios,
-        "figure3.png": _figure3,
-        "flicker_detail.png": _flicker_detail,
-    }
-    study = Drawing(dataset, rows)
     return [
-        save(draw(study), Path(folder) / name, bbox_inches="tight")
-        for name, draw in drawings.items()
+        drawing.save(figure, Path(folder) / f"{name}.png", bbox_inches="tight")
+        for name, figure in draw(dataset, rows).items()
     ]
 
 
-def _distributions(study: Drawing) -> Figure:
+@drawing.styled
+def draw(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> dict[str, Figure]:
+    """Draw the figures of a study.
+
+    - `distributions`: cumulative distribution over sessions, per technique.
+    - `ratios`: ratio to the baseline, per scene and over scenes.
+    - `figure3`: largest, mean and smallest MTCD, as Kim's Figure 3.
+    - `flicker_detail`: flicker against detail loss, where that was measured.
+
+    **Arguments:** `dataset`, `rows`: a study's result, and `summarize` of it.
+    """
+    study = Compared(dataset, rows)
+    figures = {
+        "distributions": _distributions(study),
+        "ratios": draw_ratios(study),
+        "figure3": _figure3(study),
+    }
+    if "detail_loss" in study.metrics:
+        figures["flicker_detail"] = _flicker_detail(study)
+    return figures
+
+
+def _distributions(study: Compared) -> Figure:
     band = (
         "No bands: windows of one subject are not independent."
         if study.clustered
@@ -60,13 +66,9 @@ def _distributions(study: Drawing) -> Figure:
     )
     title = "How much sessions differ: flicker per session, mean over scenes"
     figure, axes = study.axes(8.5, 4.8, title, band)
-    sessions = {
-        technique: np.sort(values[np.isfinite(values)])
-        for technique, values in zip(
-            study.techniques, study.mtcd.mean(axis=1), strict=True
-        )
-    }
-    sessions = {t: values for t, values in sessions.items() if values.size}
+    sessions = dict(zip(study.techniques, study.mtcd.mean(axis=1), strict=True))
+    sessions = {t: np.sort(x[np.isfinite(x)]) for t, x in sessions.items()}
+    sessions = {t: x for t, x in sessions.items() if x.size}
     everything = np.concatenate([*sessions.values(), [0.0]])
     positive = everything[everything > 0]
     low, high = (positive.min(), positive.max()) if positive.size else (0.1, 10.0)
@@ -81,7 +83,7 @@ def _distributions(study: Drawing) -> Figure:
         count = values.size
         x = np.concatenate([values[:1], values])
         y = np.arange(count + 1) / count
-        colour, dashes = study.colour[technique], study.dashes[technique]
+        colour, dashes, _ = study.look[technique]
         median = f"{np.median(sessions[technique]):.3g}"
         label = f"{study.label(technique)}\nmedian {median}"
         axes.step(x, y, where="post", color=colour, ls=dashes, lw=1.8, label=label)
@@ -90,126 +92,28 @@ def _distributions(study: Drawing) -> Figure:
             margin = math.sqrt(math.log(2 / 0.05) / (2 * count))
             band = np.clip(y - margin, 0, 1), np.clip(y + margin, 0, 1)
             axes.fill_between(x, *band, step="post", color=colour, alpha=0.15, lw=0)
-    axes.xaxis.set_major_locator(FixedLocator([zero] * has_zeros + ticks(low, high)))
-    axes.xaxis.set_major_formatter(
-        FuncFormatter(lambda v, _: "0" if has_zeros and v < low else f"{v:g}")
+    drawing.label_ticks(
+        axes.xaxis,
+        FixedLocator([zero] * has_zeros + drawing.ticks(low, high)),
+        lambda value, _: "0" if has_zeros and value < low else f"{value:g}",
     )
-    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(left, high)
     axes.set_ylim(0, 1.01)
     axes.set_yticks(np.linspace(0, 1, 5), ["0", "25 %", "50 %", "75 %", "100 %"])
     if has_zeros:
         place = axes.get_xaxis_transform()
         gap = math.sqrt(zero * low)
-        look = {"fontsize": 9, "ha": "center", "va": "center", "clip_on": False}
-        axes.text(gap, 0, "//", transform=place, bbox=PAPER, zorder=10, **look)
-    axes.axhline(0.5, color=GREY, lw=0.6, ls=":")
+        look = {"ha": "center", "va": "center", "clip_on": False, "bbox": drawing.PAPER}
+        axes.text(gap, 0, "//", size=drawing.NAME, transform=place, zorder=10, **look)
+    axes.axhline(0.5, color=drawing.GREY, lw=0.6, ls=":")
     axes.set_xlabel("MTCD of a session, code values of 8 bits (logarithmic)")
     axes.set_ylabel("sessions that flicker at most this much")
     beside: Any = "outside right"  # missing from matplotlib's own types
-    figure.legend(loc=beside, frameon=False, fontsize=8.5, labelspacing=0.9)
+    figure.legend(loc=beside, labelspacing=0.9)
     return figure
 
 
-def _ratios(study: Drawing) -> Figure:
-    others = [t for t in study.techniques if t != study.baseline]
-    flicker = lambda s: study.rows[study.baseline, s].mean
-    scenes = sorted(study.scenes, key=lambda s: -np.nan_to_num(flicker(s)))
-    lines = [POOLED, GEOMETRIC_MEAN, *scenes]
-    pitch = max(0.3, 0.07 * len(others) + 0.06)
-    # The headline's row is tall enough to write each technique's number beside it.
-    tall = max(1.4, 0.15 * (len(others) + 1) / pitch)
-    place = np.array([0, tall / 2 + 0.5, *(np.arange(len(scenes)) + tall / 2 + 1.8)])
-    figure, axes = study.axes(
-        8.0,
-        1.6 + pitch * (tall + len(lines)),
-        f"How much flicker is left: MTCD as a share of {study.baseline}'s",
-    )
-    axes.axhspan(-tall / 2, tall / 2 + 1, color=SHADE, lw=0, zorder=0)
-    for y in place[2:]:
-        axes.axhline(y, color="#eeeeee", lw=0.8, zorder=0)
-    room = np.array([tall - 0.4, *[0.6] * (len(lines) - 1)])
-    share = (np.arange(len(others)) + 0.5) / max(len(others), 1) - 0.5
-    dodges = share[:, None] * room
-    reach = 1.1
-    for index, technique in enumerate(others):
-        cells = [study.rows[technique, line] for line in lines]
-        points = [
-            (row.ratio, y, row.ratio - row.ratio_low, row.ratio_high - row.ratio)
-            for row, y in zip(cells, place + dodges[index], strict=True)
-            if math.isfinite(row.ratio)
-        ]
-        if not points:
-            continue
-        x, y, below, above = np.array(points).T
-        reach = max(reach, float(np.nanmax(x + np.nan_to_num(above))) * 1.05)
-        axes.errorbar(
-            x,
-            y,
-            xerr=np.nan_to_num(np.stack([below, above])).clip(0),
-            fmt=study.marker[technique],
-            color=study.colour[technique],
-            ms=4.5,
-            lw=1.2,
-            capsize=2,
-            clip_on=False,
-            zorder=4,
-        )
-    for technique, y in zip(others, dodges[:, 0], strict=True):
-        _name_headline(axes, study, study.rows[technique, POOLED], y, reach)
-    for line, y in zip(lines, place, strict=True):
-        cells = [study.rows[technique, line] for technique in others]
-        if cells and not any(math.isfinite(row.ratio) for row in cells):
-            note = cells[0].note
-            look = {"color": GREY, "fontsize": 8, "ha": "center", "va": "center"}
-            axes.text(0.3, y, note, bbox=PAPER, **look)
-    axes.axvline(1, color="black", lw=1.2, zorder=1)
-    head = f"{study.baseline} = 1"
-    above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
-    axes.text(1, 1.005, head, fontsize=8, **above)
-    if any(technique.startswith("head_movement") for technique in others):
-        axes.axvline(KIM_RATIO, color=GREY, lw=1.2, ls="--", zorder=1)
-        kim = f"Kim et al.: {KIM_RATIO}"
-        axes.text(KIM_RATIO, 1.005, kim, fontsize=8, color=GREY, **above)
-    names = ["all scenes:\nratio of means", "all scenes:\ngeometric mean"]
-    names += [f"{scene}  ({flicker(scene):.2g})" for scene in scenes]
-    axes.set_yticks(place, names, fontsize=8.5)
-    axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0, reach)
-    axes.set_ylim(place[-1] + 0.6, -tall / 2)
-    axes.grid(axis="x", color="#dddddd", lw=0.6, zorder=0)
-    axes.set_axisbelow(True)
-    axes.set_xlabel("ratio of mean MTCD, with 95 % interval")
-    axes.set_ylabel(f"scene  (MTCD of {study.baseline}, code values)")
-    return figure
-
-
-def _name_headline(
-    axes: Axes, study: Drawing, row: SummaryRow, y: float, reach: float
-) -> None:
-    """Write a technique's name and pooled ratio on the side that has room."""
-    if not math.isfinite(row.ratio):
-        return
-    is_right = row.ratio < 0.5 * reach
-    end = row.ratio_high if is_right else row.ratio_low
-    bounds = f"  [{row.ratio_low:.3f}, {row.ratio_high:.3f}]"
-    axes.annotate(
-        f"{study.label(row.technique)}  {row.ratio:.3f}"
-        + (bounds if math.isfinite(end) else ""),
-        (end if math.isfinite(end) else row.ratio, y),
-        (7 if is_right else -7, 0),
-        textcoords="offset points",
-        ha="left" if is_right else "right",
-        va="center_baseline",
-        fontsize=8,
-        fontweight="bold",
-        color=study.colour[row.technique],
-        bbox=PAPER | {"facecolor": SHADE},
-        zorder=3,
-    )
-
-
-def _figure3(study: Drawing) -> Figure:
+def _figure3(study: Compared) -> Figure:
     names = [
         study.label(technique).replace(" ", "\n") for technique in study.techniques
     ]
@@ -227,9 +131,9 @@ def _figure3(study: Drawing) -> Figure:
     for index, technique in enumerate(study.techniques):
         values = study.mtcd[index]
         values = values[np.isfinite(values)]
-        colour = study.colour[technique]
+        colour = study.look[technique][0]
         if not values.size:
-            look = {"fontsize": 8, "color": GREY, "ha": "center", "va": "bottom"}
+            look = {"ha": "center", "va": "bottom", **drawing.SMALL}
             axes.text(index, 0, "no session", **look)
             continue
         # Scenes count alike, however many sessions each of them has.
@@ -239,20 +143,14 @@ def _figure3(study: Drawing) -> Figure:
         for place, mark, height in zip(places, marks, heights, strict=True):
             is_mean = mark == "mean"
             alpha = 1.0 if is_mean else 0.45
-            axes.bar(index + place, height, 0.25, color=colour, alpha=alpha)
-            axes.annotate(
-                f"{height:.0f}" if height >= 10 else f"{round(height, 3):.2g}",
-                (index + place, height),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7.5,
-                fontweight="bold" if is_mean else "normal",
-            )
+            bar = axes.bar(index + place, height, 0.25, color=colour, alpha=alpha)
+            text = f"{height:.0f}" if height >= 10 else f"{round(height, 3):.2g}"
+            weight = "bold" if is_mean else "normal"
+            axes.bar_label(bar, [text], padding=2, size=drawing.NUMBER, weight=weight)
     axes.set_xticks(range(len(names)), names)
-    axes.tick_params(axis="x", length=0, pad=14, labelsize=9)
+    axes.tick_params(axis="x", length=0, pad=14, labelsize=drawing.NAME)
     minor = [index + place for index in range(len(names)) for place in places]
-    small = {"fontsize": 6.5, "color": GREY}
+    small = {"fontsize": drawing.FINE, "color": drawing.GREY}
     axes.set_xticks(minor, [*marks] * len(names), minor=True, **small)
     axes.tick_params(axis="x", which="minor", length=0, pad=2)
     axes.set_ylabel("MTCD, code values of 8 bits")
@@ -260,7 +158,7 @@ def _figure3(study: Drawing) -> Figure:
     return figure
 
 
-def _flicker_detail(study: Drawing) -> Figure:
+def _flicker_detail(study: Compared) -> Figure:
     figure, axes = study.axes(
         8.0,
         5.6,
@@ -270,36 +168,27 @@ def _flicker_detail(study: Drawing) -> Figure:
     shown = []
     for technique in study.techniques:
         cells = [study.rows[technique, scene] for scene in study.scenes]
-        look: dict[str, Any] = {
-            "color": study.colour[technique],
-            "marker": study.marker[technique],
-        }
-        loss, mtcd = [_loss(row) for row in cells], [row.mean for row in cells]
+        look = study.points(technique)
+        loss, mtcd = [_loss(r) for r in cells], [r.mean for r in cells]
         axes.scatter(loss, mtcd, s=14, alpha=0.3, lw=0, clip_on=False, **look)
         pooled = study.rows[technique, POOLED]
         if math.isfinite(pooled.mean + _loss(pooled)):
             shown.append(pooled)
-            axes.errorbar(
+            half = Z95 * pooled.others["detail_loss"].standard_error
+            loss = (
                 _loss(pooled),
-                pooled.mean,
-                xerr=np.nan_to_num(Z95 * pooled.others["detail_loss"].standard_error),
-                yerr=np.nan_to_num(
-                    [[pooled.mean - pooled.low], [pooled.high - pooled.mean]]
-                ),
-                ms=8,
-                mec="white",
-                lw=1.6,
-                capsize=3,
-                clip_on=False,
-                zorder=5,
-                **look,
+                _loss(pooled) - half,
+                _loss(pooled) + half,
             )
+            mtcd = (pooled.mean, pooled.low, pooled.high)
+            look |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
+            drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **look)
     every = study.rows.values()
     pooled = [row for row in every if row.scene == POOLED]
-    symlog(axes, "x", [_loss(row) for row in pooled], [_loss(row) for row in every])
-    symlog(axes, "y", [row.mean for row in pooled], [row.mean for row in every])
-    axes.grid(color="#e6e6e6", lw=0.6)
-    axes.set_axisbelow(True)
+    losses = [_loss(row) for row in every]
+    drawing.symlog(axes, "x", [_loss(row) for row in pooled], losses)
+    drawing.symlog(axes, "y", [row.mean for row in pooled], [row.mean for row in every])
+    axes.grid()
     axes.set_xlabel("detail loss: squared error to the reference, code values²")
     axes.set_ylabel("MTCD, code values of 8 bits")
     axes.annotate(
@@ -308,15 +197,15 @@ def _flicker_detail(study: Drawing) -> Figure:
         (0.11, 0.14),
         xycoords="axes fraction",
         textcoords="axes fraction",
-        fontsize=9,
-        color=GREY,
-        arrowprops={"arrowstyle": "->", "color": GREY},
+        fontsize=drawing.NAME,
+        color=drawing.GREY,
+        arrowprops={"arrowstyle": "->", "color": drawing.GREY},
     )
-    points = [
-        (_loss(row), row.mean, study.label(name), study.colour[name])
-        for name, row in ((row.technique, row) for row in shown)
+    names = [
+        (row, study.label(row.technique), study.look[row.technique]) for row in shown
     ]
-    label_points(figure, axes, points)
+    points = [(_loss(row), row.mean, name, look[0]) for row, name, look in names]
+    drawing.label_points(figure, axes, points)
     return figure
 
 

@@ -1,24 +1,23 @@
 """The picture of a trade-off: seconds against error, and the Pareto front in it."""
 
 import os
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator
 
 from ..estimates.intervals import Z95
+from ..studies.identity import camera_words, frames_words
 from ..trade_off.settings import DEFAULT
 from ..trade_off.trade_off import NEGLIGIBLE, Identity, Row, front_of
-from .drawing import DPI, GREY, label_points, save
+from . import drawing
 
 _MONTE_CARLO = 0.01  # relative standard error to which seconds are counted
-_FRONT, _DEFAULT, _OTHER = "#0072B2", "#D55E00", "#777777"
-_DASHES = ["-", (0, (6, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)), (0, (3, 1.5))]
+_FRONT, _DEFAULT, _OTHER = drawing.BLUE, drawing.VERMILLION, "#777777"
+_NAME = "#4d4d4d"  # of the others, darker to be read
 _MOST_CURVES = 6
 _SESSIONS = 500  # of the default study, marked on the curves
 
@@ -35,9 +34,10 @@ def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
 
     **Errors:** `ValueError` if no row can be drawn.
     """
-    return save(draw(rows), Path(path), bbox_inches="tight")
+    return drawing.save(draw(rows), Path(path), bbox_inches="tight")
 
 
+@drawing.styled
 def draw(rows: Sequence[Row]) -> Figure:
     """Draw a trade-off, two panels per technique whose knobs were turned."""
     shown = [row for row in rows if row.reference_mtcd > 0 and row.knob != "samples"]
@@ -45,41 +45,41 @@ def draw(rows: Sequence[Row]) -> Figure:
     techniques = list(dict.fromkeys(usual or [row.technique for row in shown]))
     if not techniques:
         raise ValueError("rows must hold a setting with flicker to be drawn, got none.")
-    height = 5.2 * len(techniques)
-    figure = Figure(figsize=(13, height), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(techniques), 2, squeeze=False, width_ratios=[1.45, 1])
-    for technique, (left, right) in zip(techniques, panels, strict=True):
+    figure, axes = drawing.panels(
+        13.0,
+        5.2 * len(techniques),
+        _footer(rows[0].identity),
+        rows=len(techniques),
+        columns=2,
+        width_ratios=[1.45, 1],
+    )
+    for technique, (left, right) in zip(techniques, axes, strict=True):
         mine = [row for row in shown if row.technique == technique]
         _plane(left, mine)
         _curves(right, mine)
-        left.set_title(
-            f"{technique}: bias against time", loc="left", fontsize=11, weight="bold"
-        )
-        right.set_title(
-            f"total error against time; dots: {_SESSIONS} sessions",
-            loc="left",
-            fontsize=11,
-            weight="bold",
-        )
-    words = textwrap.fill(_footer(rows[0].identity), 190)
-    figure.text(0.01, -0.01, words, fontsize=7, color=GREY, va="top")
-    for technique, (left, right) in zip(techniques, panels, strict=True):
-        mine = [row for row in shown if row.technique == technique]
-        _label(figure, left, right, mine)
+        left.set_title(f"{technique}: bias against time")
+        right.set_title(f"total error against time; dots: {_SESSIONS} sessions")
+    for technique, (left, right) in zip(techniques, axes, strict=True):
+        _label(figure, left, right, [r for r in shown if r.technique == technique])
     return figure
 
 
 def _footer(identity: Identity) -> str:
+    known = vars(identity)
     return (
-        f"Scene {identity.scene}; camera {identity.width_px} × {identity.height_px} "
-        f"px, {identity.fov_deg:g}° wide, {identity.refresh_hz:.4g} Hz; "
-        f"{identity.frames} frames after {identity.warmup} of warm-up, seed "
-        f"{identity.seed}. Reference: texture 4x, float64, homography. Bars: 95 % of "
-        f"the bias. {identity.device}, {identity.cores} cores ({identity.processor}), "
-        f"load {identity.load:.2g} before; hmdjit {identity.hmdjit_version}, model "
+        f"Scene {identity.scene}; camera {camera_words(known)}; {frames_words(known)}. "
+        "Reference: texture 4x, float64, homography. Bars: 95 % of the bias. "
+        f"{machine_words(identity)}; hmdjit {identity.hmdjit_version}, model "
         f"{identity.model_version}, JAX {identity.jax_version}. Time to run; compiling "
         "and baking apart."
+    )
+
+
+def machine_words(identity: Identity) -> str:
+    """Say on what a trade-off was timed, and how busy it was."""
+    return (
+        f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
+        f"{identity.load:.2g} before"
     )
 
 
@@ -109,18 +109,18 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
         colour, marker, name = _look(row, front)
         spread = 100 * Z95 * row.bias_se / row.reference_mtcd
         floor = 100 * NEGLIGIBLE
-        below = bias - max(bias - spread, floor)
-        axes.errorbar(
+        is_front = row in front
+        drawing.errorbar(
+            axes,
             seconds,
-            bias,
-            yerr=[[below], [spread if spread > floor else 0]],
+            (bias, max(bias - spread, floor), bias + spread * (spread > floor)),
             color=colour,
             marker=marker,
-            markersize=8 if row in front else 6,
-            markerfacecolor=colour if row in front else "white",
+            markersize=8 if is_front else 6,
+            markerfacecolor=colour if is_front else "white",
             lw=0.9,
-            alpha=1 if row in front else 0.85,
-            zorder=4 if row in front else 3,
+            alpha=1 if is_front else 0.85,
+            zorder=4 if is_front else 3,
             label=name,
         )
     places = np.array([_place(row) for row in front])
@@ -132,29 +132,22 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
     bottom, top = axes.get_ylim()
     axes.set_ylim(min(bottom, 100 * NEGLIGIBLE) / 2, top)
     floor = 100 * NEGLIGIBLE
-    axes.axhline(floor, color=GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
+    axes.axhline(floor, color=drawing.GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
     axes.annotate(
         f"{floor:g} % or less",
         (1, floor),
         xycoords=("axes fraction", "data"),
         xytext=(-2, -3),
         textcoords="offset points",
-        fontsize=7.5,
-        color=GREY,
+        fontsize=drawing.NUMBER,
+        color=drawing.GREY,
         va="top",
         ha="right",
     )
     handles, names = axes.get_legend_handles_labels()
     kinds = dict(zip(names, handles, strict=True))
-    axes.legend(
-        kinds.values(),
-        kinds.keys(),
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.13),
-        ncols=2,
-        frameon=False,
-        fontsize=8.5,
-    )
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
+    axes.legend(kinds.values(), kinds.keys(), ncols=2, **below)
 
 
 def _shown_curves(rows: Sequence[Row]) -> list[Row]:
@@ -172,14 +165,9 @@ def _curves(axes: Axes, rows: Sequence[Row]) -> None:
     seconds = _seconds(curves)
     for i, row in enumerate(curves):
         errors = [100 * row.error(t) for t in seconds]
-        is_usual = row.knob == DEFAULT
-        axes.plot(
-            seconds,
-            errors,
-            color=_DEFAULT if is_usual else _FRONT,
-            ls=_DASHES[i % len(_DASHES)],
-            lw=1.8,
-        )
+        colour = _DEFAULT if row.knob == DEFAULT else _FRONT
+        dashes = drawing.DASHES[i % len(drawing.DASHES)]
+        axes.plot(seconds, errors, color=colour, ls=dashes, lw=1.8)
         at = _SESSIONS * row.s_per_session
         axes.plot(at, 100 * row.error(at), "o", color="black", ms=4, zorder=5)
     if curves:
@@ -197,27 +185,23 @@ def _seconds(curves: Sequence[Row]) -> np.ndarray:
 
 
 def _logarithmic(axes: Axes) -> None:
-    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-        (axes.set_xscale if name == "x" else axes.set_yscale)("log")
-        low, high = axes.get_xlim() if name == "x" else axes.get_ylim()
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
         subs = (1.0,) if high / low > 1000 else (1.0, 2.0, 5.0)
-        axis.set_major_locator(LogLocator(subs=subs))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_locator(NullLocator())
-    axes.grid(color="#e6e6e6", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+        drawing.label_ticks(axis, LogLocator(subs=subs))
+    axes.grid()
 
 
 def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None:
     front = front_of(rows)
     ordered = [*front, *(row for row in rows if row not in front)]
     points = [
-        (*_place(row), row.setting, _FRONT if row in front else "#4d4d4d")
+        (*_place(row), row.setting, _FRONT if row in front else _NAME)
         for row in ordered
         if np.isfinite(row.seconds_to(_MONTE_CARLO))
     ]
-    label_points(figure, left, points, fontsize=8.0)
+    drawing.label_points(figure, left, points, fontsize=drawing.NOTE)
     curves = _shown_curves(rows)
     seconds = _seconds(curves)
     # Each name stands on its curve, the flattest ones at the right.
@@ -228,4 +212,4 @@ def _label(figure: Figure, left: Axes, right: Axes, rows: Sequence[Row]) -> None
         at = float(seconds[int(share * (len(seconds) - 1))])
         colour = _DEFAULT if row.knob == DEFAULT else _FRONT
         names.append((at, 100 * row.error(at), row.setting, colour))
-    label_points(figure, right, names, fontsize=8.0)
+    drawing.label_points(figure, right, names, fontsize=drawing.NOTE)

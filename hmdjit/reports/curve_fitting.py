@@ -9,19 +9,22 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.table import Table
 
 from .._version import __version__
-from ..curve_fitting.results import CurveFit, FrontPoint, Kept, gain_at_equal_detail
+from ..curve_fitting.results import (
+    FITTED,
+    KIM,
+    CurveFit,
+    FrontPoint,
+    Kept,
+    gain_at_equal_detail,
+)
 from ..estimates.intervals import Interval
 from ..techniques import HeadMovement
+from . import tables
 
-KIM = HeadMovement().id
-FITTED = "fitted"
 LABELS = {KIM: "Kim et al.'s constants", FITTED: "fitted curve"}
-
-_DIGITS = 6
 
 
 def kim_numbers(fit: CurveFit) -> list[float | None]:
@@ -40,36 +43,32 @@ def kim_numbers(fit: CurveFit) -> list[float | None]:
 
 def numbers_table(fit: CurveFit) -> Table:
     """Lay out the fitted numbers, how sure they are, and Kim et al.'s."""
-    found = _empty("parameter", "fitted", "std. error", "95 % interval", "Kim et al.")
+    columns = {
+        "parameter": tables.WORDS,
+        "fitted": "{:.4g}",
+        "std. error": "{:.2g}",
+        "95 % interval": "[{:.4g}, {:.4g}]",
+        "Kim et al.": "{:.4g}",
+    }
     sure = fit.errors
-    rows = zip(
-        fit.space.names,
-        fit.numbers,
-        sure.standard_error,
-        sure.low,
-        sure.high,
-        kim_numbers(fit),
-        strict=True,
-    )
-    for name, value, error, low, high, kim in rows:
-        found.add_row(
-            name,
-            f"{value:.4g}",
-            f"{error:.2g}",
-            f"[{low:.4g}, {high:.4g}]",
-            "-" if kim is None else f"{kim:.4g}",
-        )
-    return found
+    bounds = zip(sure.low, sure.high, strict=True)
+    numbers = (fit.numbers, sure.standard_error, bounds, kim_numbers(fit))
+    return tables.table(columns, zip(fit.space.names, *numbers, strict=True))
 
 
 def kept_table(kept: Mapping[str, Kept]) -> Table:
     """Lay out what each technique keeps of flicker and of detail."""
-    found = _empty("technique", "flicker, of none", "detail loss, of none")
-    for name, one in kept.items():
-        cells = [_interval(interval) for interval in one.intervals()]
-        bold = "bold" if name == FITTED else ""
-        found.add_row(LABELS.get(name, name), *cells, style=bold)
-    return found
+    interval = tables.INTERVAL
+    columns = {
+        "technique": tables.WORDS,
+        "flicker, of none": interval,
+        "detail loss, of none": interval,
+    }
+    rows = [
+        (LABELS.get(name, name), *((x.value, x.low, x.high) for x in one.intervals()))
+        for name, one in kept.items()
+    ]
+    return tables.table(columns, rows, bold=[name == FITTED for name in kept])
 
 
 def gain_percent(fit: CurveFit) -> Interval | None:
@@ -93,21 +92,14 @@ def gain_sentence(fit: CurveFit) -> str:
             "The front does not reach the detail loss of Kim et al.'s constants: what "
             "it gains there is not known."
         )
-    bounds = f"[{gain.low:.1f}, {gain.high:.1f}]"
-    if gain.low > 0:
-        return (
-            f"At equal detail loss {gain.value:.1f} % less flicker {bounds} than Kim "
-            "et al.'s constants."
-        )
-    if gain.high < 0:
-        return (
-            f"At equal detail loss {-gain.value:.1f} % more flicker "
-            f"[{-gain.high:.1f}, {-gain.low:.1f}] than Kim et al.'s constants."
-        )
-    return (
-        f"At equal detail loss {gain.value:.1f} % less flicker {bounds}: Kim et al.'s "
-        "constants are on the front within what these sessions can tell."
+    is_sure = not gain.low <= 0 <= gain.high
+    rest = (
+        " than Kim et al.'s constants."
+        if is_sure
+        else ": Kim et al.'s constants are on the front within what these sessions can "
+        "tell."
     )
+    return f"At equal detail loss {_less(gain, 'flicker')}{rest}"
 
 
 def pair_sentence(kept: Mapping[str, Kept]) -> str:
@@ -115,14 +107,14 @@ def pair_sentence(kept: Mapping[str, Kept]) -> str:
 
     In percent of their flicker and of their detail loss.
     """
-    kim, fitted = kept[KIM], kept[FITTED]
-    differences = fitted.gain_over(kim)
-    words = [
-        _difference(_percent(gain), what)
-        for gain, what in zip(differences, ("flicker", "detail loss"), strict=True)
-    ]
-    words[-1] = words[-1].rstrip(",")
-    return f"Than Kim et al.'s constants the fitted curve has {' and '.join(words)}."
+    words = []
+    gains = map(_percent, kept[FITTED].gain_over(kept[KIM]))
+    for gain, what in zip(gains, ("flicker", "detail loss"), strict=True):
+        is_same = gain.low <= 0 <= gain.high
+        same = ", the same within what these sessions can tell," * is_same
+        words.append(_less(gain, what) + same)
+    said = " and ".join(words).rstrip(",")
+    return f"Than Kim et al.'s constants the fitted curve has {said}."
 
 
 def provenance(
@@ -163,42 +155,23 @@ def provenance(
     return found
 
 
-def _empty(first: str, *others: str) -> Table:
-    found = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    found.add_column(first, no_wrap=True)
-    for header in others:
-        found.add_column(header, justify="right", no_wrap=True)
-    return found
-
-
-def _interval(interval: Interval) -> str:
-    return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-
-
 def _percent(interval: Interval) -> Interval:
     names = ("value", "low", "high", "standard_error")
     percent = {name: 100 * getattr(interval, name) for name in names}
     return dataclasses.replace(interval, **percent)
 
 
-def _difference(gain: Interval, what: str) -> str:
-    if gain.low <= 0 <= gain.high:
-        return (
-            f"{gain.value:.1f} % less {what} [{gain.low:.1f}, {gain.high:.1f}], the "
-            "same within what these sessions can tell,"
-        )
-    word = "less" if gain.value > 0 else "more"
-    low, high = sorted((abs(gain.low), abs(gain.high)))
-    return f"{abs(gain.value):.1f} % {word} {what} [{low:.1f}, {high:.1f}]"
+def _less(gain: Interval, what: str) -> str:
+    """Say by how many percent something is less, or more where that is sure."""
+    sign, word = (-1, "more") if gain.high < 0 else (1, "less")
+    low, high = sorted((sign * gain.low, sign * gain.high))
+    return f"{sign * gain.value:.1f} % {word} {what} [{low:.1f}, {high:.1f}]"
 
 
 def _bounds(interval: Interval) -> dict[str, float]:
-    return {
-        "mean": _short(interval.value),
-        "low": _short(interval.low),
-        "high": _short(interval.high),
-    }
+    numbers = {"mean": interval.value, "low": interval.low, "high": interval.high}
+    return {name: _short(value) for name, value in numbers.items()}
 
 
 def _short(value: Any) -> float:
-    return float(f"{float(value):.{_DIGITS}g}")
+    return float(f"{float(value):.6g}")

@@ -1,30 +1,28 @@
 """Sensitivities in words: the table that a terminal shows."""
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from ..sensitivity.sensitivity import Sensitivities
+from . import tables
 
 
 def table(found: Sensitivities) -> Table:
     """Lay out one row per parameter; bold where the sign is sure."""
-    laid_out = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    laid_out.add_column("parameter p", no_wrap=True)
-    for header in ("value", "d ln R / d ln p", "95 %"):
-        laid_out.add_column(header, justify="right", no_wrap=True)
-    laid_out.add_column("sign")
-    for row in found.rows():
-        is_relative = row.per == "relative"
-        laid_out.add_row(
-            Text(row.name),
-            f"{row.value:.4g}",
-            f"{row.derivative:+.4f}" + ("" if is_relative else f" per {row.per}"),
-            f"{row.low:+.4f} to {row.high:+.4f}",
-            row.sign,
-            style="bold" if row.sign in ("+", "-") else "",
-        )
-    return laid_out
+    rows = found.rows()
+    columns = {
+        "parameter p": tables.WORDS,
+        "value": "{:.4g}",
+        "d ln R / d ln p": "{:+.4f}{}",
+        "95 %": "{:+.4f} to {:+.4f}",
+        "sign": tables.WORDS,
+    }
+    per = ["" if row.per == "relative" else f" per {row.per}" for row in rows]
+    cells = [
+        (Text(row.name), row.value, (row.derivative, of), (row.low, row.high), row.sign)
+        for row, of in zip(rows, per, strict=True)
+    ]
+    return tables.table(columns, cells, bold=[row.sign in ("+", "-") for row in rows])
 
 
 def explanation(found: Sensitivities) -> str:

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 
-from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from ..estimates.intervals import Z95
+from ..figures.trade_off import machine_words
 from ..trade_off.trade_off import Row, front_of
+from . import tables
 
 
 def table(rows: Sequence[Row], seconds: float, width: int = 80) -> Table:
@@ -16,43 +18,42 @@ def table(rows: Sequence[Row], seconds: float, width: int = 80) -> Table:
     **Arguments:** `seconds`: time at which total errors are told; `width`: of the
     terminal, characters: narrow ones are told less.
     """
-    found = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    found.add_column("setting", no_wrap=True)
-    is_wide = width >= 110
-    headers = ["MTCD", "bias, %", "sd, %", "ms each", "s to 1 %"]
-    headers += [f"in {seconds:g} s, %"]
-    headers += ["detail loss", "compile, s"] * is_wide
-    for header in headers:
-        found.add_column(header, justify="right")
-    on_front = [
-        row
-        for technique in dict.fromkeys(row.technique for row in rows)
-        for row in front_of([r for r in rows if r.technique == technique])
-    ]
+    columns = {
+        "setting": tables.WORDS,
+        "MTCD": "{:.2f}",
+        "bias, %": "{:+.2f} ±{:.2f}",
+        "sd, %": "{:.0f}",
+        "ms each": "{:.2f}",
+        "s to 1 %": "{:.1f}",
+        f"in {seconds:g} s, %": "{:.2f}",
+    }
+    if width >= 110:
+        columns |= {"detail loss": "{:.0f}", "compile, s": "{:.1f}"}
+    laid_out: list[Sequence | None] = []
+    bold: list[bool] = []
     for technique in dict.fromkeys(row.technique for row in rows):
-        found.add_section()
-        found.add_row(technique, style="italic")
-        for row in rows:
-            if row.technique == technique:
-                cells = _cells(row, seconds)[: len(headers) + 1]
-                found.add_row(*cells, style="bold" if row in on_front else "")
-    return found
+        mine = [row for row in rows if row.technique == technique]
+        front = front_of(mine)
+        laid_out += [None, [Text(technique, style="italic")]]
+        laid_out += [_cells(row, seconds) for row in mine]
+        bold += [False, False, *(row in front for row in mine)]
+    return tables.table(columns, laid_out, bold=bold, no_wrap=False)
 
 
-def _cells(row: Row, seconds: float) -> list[str]:
+def _cells(row: Row, seconds: float) -> Sequence:
     mean = row.reference_mtcd or math.nan
     mark = " †" if row.is_other_device else " ‡" * (row.bias_by == "frame mean")
-    return [
+    return (
         f"  {row.setting}{mark}",
-        f"{row.mtcd:.2f}",
-        f"{100 * row.bias / mean:+.2f} ±{100 * Z95 * row.bias_se / mean:.2f}",
-        f"{100 * row.mtcd_sd / mean:.0f}",
-        f"{1e3 * row.s_per_session:.2f}",
-        f"{row.seconds_to(0.01):.1f}",
-        f"{100 * row.error(seconds):.2f}" if row.reference_mtcd else "-",
-        f"{row.detail_loss:.0f}",
-        f"{row.compile_s:.1f}",
-    ]
+        row.mtcd,
+        (100 * row.bias / mean, 100 * Z95 * row.bias_se / mean),
+        100 * row.mtcd_sd / mean,
+        1e3 * row.s_per_session,
+        row.seconds_to(0.01),
+        100 * row.error(seconds) if row.reference_mtcd else None,
+        row.detail_loss,
+        row.compile_s,
+    )
 
 
 def explanation(rows: Sequence[Row]) -> str:
@@ -65,19 +66,12 @@ def explanation(rows: Sequence[Row]) -> str:
         "session. s to 1 %: running time to a Monte Carlo standard error of 1 %; next "
         "to it, total error in a given time. Compiled two at a time, so compile times "
         "include waiting.",
-        f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
-        f"{identity.load:.2g} before; JAX {identity.jax_version}.",
+        f"{machine_words(identity)}; JAX {identity.jax_version}.",
     ]
     for row in rows:
         if row.setting == "whole frame" and row.frame_difference_se > 0:
-            twin = next(
-                (
-                    r
-                    for r in rows
-                    if (r.knob, r.technique) == ("default", row.technique)
-                ),
-                None,
-            )
+            usual = ("default", row.technique)
+            twin = next((r for r in rows if (r.knob, r.technique) == usual), None)
             if twin is not None:
                 # Both are differences to the reference on tiles.
                 gap = row.frame_difference - twin.frame_difference

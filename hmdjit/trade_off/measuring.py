@@ -11,20 +11,19 @@ sessions:
 """
 
 import contextlib
+import dataclasses
 import math
 import os
 import platform
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from .. import _checks
-from .._version import __version__
 from ..simulation.session import Result
+from ..studies.identity import attributes
 from ..studies.progress import Progress, Tell
-from ..studies.run import MODEL_VERSION
 from ..studies.study import Study, check_seed
 from .bench import Bench
 from .settings import REFERENCE, Case, Setting
@@ -166,28 +165,15 @@ def _differences(result: Result, reference: Result) -> list[tuple[float, float]]
 
 
 def _identity(study: Study, seed: int, study_options: str) -> Identity:
-    camera, devices = study.display, jax.devices()
+    known = attributes(study, seed)
+    names = {field.name for field in dataclasses.fields(Identity)}
     return Identity(
         scene=next(iter(study.scenes)),
-        head=str(study.head),
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        fov_deg=float(camera.fov_deg),
-        refresh_hz=float(camera.refresh_hz),
-        frames=study.frames,
-        warmup=study.warmup,
-        seed=seed,
         study_options=study_options,
-        device=f"{len(devices)} x {devices[0].device_kind}",
-        machine=platform.machine(),
         processor=_processor(),
         cores=os.cpu_count() or 1,
         load=os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
-        hmdjit_version=__version__,
-        model_version=MODEL_VERSION,
-        jax_version=jax.__version__,
-        numpy_version=np.__version__,
-        python_version=platform.python_version(),
+        **{name: known[name] for name in names & known.keys()},
     )
 
 

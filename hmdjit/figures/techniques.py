@@ -1,0 +1,64 @@
+"""What the figures of a study read: sessions, rows, and one look per technique."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..estimates.summary import SummaryRow
+from ..studies.identity import footer, metric_ids
+from .drawing import COLOURS, DASHES, SMALL, panels
+
+if TYPE_CHECKING:
+    import xarray
+
+_MARKERS = ["o", "s", "D", "^", "v", "P", "X"]
+
+
+class Compared:
+    """The techniques of a study: `mtcd` by technique, scene and session; rows by cell.
+
+    `look` holds colour, dashes and marker; the baseline's is black.
+    """
+
+    def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
+        self.metrics = metric_ids(dataset)
+        order = ("technique", "scene", "session")
+        self.mtcd = dataset[self.metrics[0]].transpose(*order).values.astype(float)
+        self.techniques = [str(t) for t in dataset["technique"].values]
+        self.scenes = [str(s) for s in dataset["scene"].values]
+        self.rows = {(row.technique, row.scene): row for row in rows}
+        self.baseline = str(dataset.attrs["baseline"])
+        self.reference = str(dataset.attrs.get("reference", ""))
+        self.clustered = "subject" in dataset.coords
+        self.footer = footer(dataset)
+        self.others = [t for t in self.techniques if t != self.baseline]
+        count = len(COLOURS)
+        self.look: dict[str, tuple[str, Any, str]] = {
+            self.baseline: ("black", "-", "o")
+        }
+        for i, technique in enumerate(self.others):
+            turn = i // count
+            marker = _MARKERS[(i + turn) % count]
+            self.look[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+
+    def points(self, technique: str) -> dict[str, Any]:
+        """Return colour and marker of a technique's points."""
+        colour, _, marker = self.look[technique]
+        return {"color": colour, "marker": marker}
+
+    def label(self, technique: str) -> str:
+        """Return the technique's id and its role in the study."""
+        role = {self.reference: " (reference)", self.baseline: " (baseline)"}
+        return technique + role.get(technique, "")
+
+    def axes(
+        self, width: float, height: float, title: str, subtitle: str = ""
+    ) -> tuple[Figure, Axes]:
+        """Return an empty figure, inches, with its titles and footer."""
+        figure, ((axes,),) = panels(width, height, self.footer)
+        axes.set_title(title, pad=22)
+        place = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        axes.annotate(subtitle, (0, 1), (0, 6), va="bottom", **place, **SMALL)
+        return figure, axes
