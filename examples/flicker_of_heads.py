@@ -46,7 +46,7 @@ def recorded_and_fitted(
     """Replay still recordings, and a fitted model at the same frames."""
     traces = [hj.Trace.read(file) for file in files]
     segments, rate_hz = fitting.still_data(traces)
-    model = fitting.fit(traces, order=2).head
+    model = hj.fit_heads(traces, order=2).head
     drawn = []
     for i, key in enumerate(jax.random.split(jax.random.key(0), DRAWS)):
         sessions = statistics.as_recorded(key, model, segments, rate_hz)

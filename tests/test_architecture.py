@@ -46,16 +46,16 @@ LINES = [
 # In a folder, members import the members of earlier steps; `*` is every other name.
 FOLDERS = {
     "head_motion": [
-        ("discretisation",),
-        ("components", "parameters", "trace_formats"),
-        ("trace", "sampling"),
-        ("process",),
-        ("presets", "replay"),
+        ("discretisation", "parameters", "trace_formats"),
+        ("components", "presets", "trace"),
+        ("sampling", "laws"),
+        ("process", "replay"),
     ],
     "head_fitting": [
         ("spectra",),
         ("statistics", "whittle"),
         ("moments", "scoring"),
+        ("errors",),
         ("fitting",),
     ],
     "frames": [
@@ -106,8 +106,6 @@ FOLDERS = {
 
 # (importer, imported): why this one import may point sideways.
 EXCEPTIONS: dict[tuple[str, str], str] = {
-    ("head_motion.process", "head_motion.presets"): "HeadMotion.seated() and others",
-    ("head_motion.process", "head_fitting.fitting"): "HeadMotion.fit(), for users",
     ("studies.study", "studies.run"): "Study.run(), for users",
     ("estimates.summary", "studies.sampler"): "a goal's cells, until they move",
     ("figures.curve_fitting", "reports.curve_fitting"): "words of a fit",

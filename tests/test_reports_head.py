@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hmdjit import HeadMotion, Trace
 from hmdjit.figures import head as head_figure
+from hmdjit.figures.drawing import save
 from hmdjit.head_fitting import spectra, statistics
 from hmdjit.head_fitting.fitting import Fit
 from hmdjit.head_motion import Amplitude, Resonator, presets
@@ -63,7 +64,8 @@ def scaled(table: Any, by: float) -> Any:
 def fit(**others):
     numbers = presets.to_table(HEAD)
     head, low, high, error = (
-        presets.from_table(scaled(numbers, by)) for by in (1, 0.9, 1.1, 0.05)
+        presets.from_table(HeadMotion, scaled(numbers, by))
+        for by in (1, 0.9, 1.1, 0.05)
     )
     scores = {0: 0.3, 1: 0.21, 2: 0.2}
     amounts = (11, 195, 454.0, 460.0, 90.0)
@@ -95,12 +97,12 @@ def test_a_fit_is_tabled_with_all_its_numbers_errors_and_intervals():
     assert "held-out data by order: 0: 0.3000, 1: 0.2100, 2: 0.2000." in text
 
 
-def test_numbers_that_recordings_do_not_tell_say_so():
+def test_numbers_that_are_not_identifiable_say_so():
     error = fit().standard_error
     unknown = eqx.tree_at(lambda head: head.return_time_s, error, np.nan)
     text = printed(head_report.print_fit, fit(standard_error=unknown))
     line = next(line for line in text.splitlines() if "return_time_s" in line)
-    assert line.split() == ["return_time_s", "3.715", "not", "told"]
+    assert line.split() == ["return_time_s", "3.715", "not", "identifiable"]
 
 
 def test_a_given_order_says_so():
@@ -150,7 +152,7 @@ def test_figures_show_data_alone_or_a_model_beside_them(segments, recorded, tmp_
     for part in ("someone", "3 subjects, 30 Hz, 36 s held still", "median: ", *AXES):
         assert part in words
 
-    head_figure.save(both, tmp_path / "both.png")
+    save(both, tmp_path / "both.png")
     picture = imread(tmp_path / "both.png")
     assert picture.shape[:2] == (1170, 1650)
     assert 0.005 < (picture[..., :3].min(axis=-1) < 0.9).mean() < 0.5
