@@ -252,10 +252,12 @@ def test_a_failed_figure_leaves_no_model(traces, tmp_path, monkeypatch, capsys):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", fail)
-    out = tmp_path / "me.csv"
-    assert run("sample", *SHORT, "--out", out) == 2
+    out = tmp_path / "out" / "me.csv"
+    model = tmp_path / "turning.toml"
+    model.write_text(TURNING)
+    assert run("sample", "--model", model, *SHORT, "--out", out) == 2
     assert capsys.readouterr().err == "hmdjit: error: No space left on device\n"
-    assert not list(tmp_path.iterdir())
+    assert not list(out.parent.iterdir())
 
 
 @pytest.mark.slow

@@ -281,6 +281,7 @@ def test_laws_of_a_sum_are_sums_of_laws():
 # --- precision and derivatives ---
 
 
+@pytest.mark.slow  # the envelope holds laws in float32 against exact ones
 @pytest.mark.parametrize("part", [WANDER, NECK, TREMOR])
 @pytest.mark.parametrize("rate_hz", [60.0, 1000.0])
 def test_laws_in_float32_agree_with_float64(part, rate_hz):

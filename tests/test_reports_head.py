@@ -173,26 +173,25 @@ def test_no_legend_covers_a_line(segments, recorded):
     assert not any(box is None or below.overlaps(box) for box in boxes)
 
 
-def test_the_band_is_that_of_persons_without_the_trackers_noise(segments):
+def test_spectra_are_averaged_over_bins_and_persons(segments, recorded):
     periodograms = spectra.Periodograms.of(segments, RATE_HZ)
     head = HeadMotion((1.0, 0.7, 0.5), (0.1,) * 3, (0.004,) * 3, person_sd=0.3)
-    calm, mean, lively = head_figure._persons(head, periodograms)
-    noise = HeadMotion((0.0,) * 3, (1.0,) * 3, (0.004,) * 3)
-    tracker = statistics.expected_spectrum(noise, periodograms)
-    ratio = (lively - tracker) / (calm - tracker)
-    np.testing.assert_allclose(ratio, np.exp(4 * 1.645 * 0.3), rtol=1e-6)
-    middle = np.sqrt((lively - tracker) * (calm - tracker))
-    np.testing.assert_allclose(middle * np.exp(2 * 0.3**2), mean - tracker, rtol=1e-6)
-
-
-def test_bins_average():
-    frequency_hz = np.arange(1, 700) / 4
-    bins = head_figure._bins(frequency_hz)
-    np.testing.assert_allclose(bins.sum(axis=1), 1)
-    centres = bins @ frequency_hz
-    assert np.all(np.diff(centres) > 0)
-    np.testing.assert_allclose(bins[0], frequency_hz == 0.25)
-    assert np.all((bins > 0).sum(axis=0) == 1)
+    axes = head_figure.draw("me", segments, recorded, head, recorded).axes[0]
+    *_, shown, model = axes.lines
+    frequency_hz, power = np.asarray(shown.get_data(), float)
+    assert np.all(np.diff(frequency_hz) > 0)
+    # Low bins hold one frequency each.
+    np.testing.assert_allclose(frequency_hz[:3], periodograms.frequency_hz[:3])
+    np.testing.assert_allclose(power[:3], periodograms.power.mean(axis=0)[:3, 0])
+    mean = statistics.expected_spectrum(head, periodograms)[:3, 0]
+    np.testing.assert_allclose(np.asarray(model.get_ydata())[:3], mean)
+    (band,) = axes.collections
+    low, high = (
+        statistics.expected_spectrum(head, periodograms, np.exp(2 * 1.645 * sd))[0, 0]
+        for sd in (-0.3, 0.3)
+    )
+    at_start = [y for x, y in band.get_paths()[0].vertices if x == frequency_hz[0]]
+    np.testing.assert_allclose((min(at_start), max(at_start)), (low, high))
 
 
 def test_heads_that_never_move_are_refused(segments, recorded):

@@ -95,7 +95,7 @@ def amplitude(
     ratios, weights, owners = [], [], []
     for subject, parts in velocities.items():
         velocity = np.concatenate(parts)
-        of_blocks = _geary_pseudo_values(velocity)
+        of_blocks = geary_pseudo_values(velocity)
         ratios.append(of_blocks)
         weights.append(np.full(len(of_blocks), len(velocity) / len(of_blocks)))
         owners += [subject] * len(of_blocks)
@@ -116,7 +116,7 @@ def amplitude(
     return Moment(root, error if low < root < high else np.nan)
 
 
-def _geary_pseudo_values(
+def geary_pseudo_values(
     velocity: Float64[np.ndarray, "frames 3"],
 ) -> Float64[np.ndarray, " blocks"]:
     """Jackknife pseudo-values of one subject's ratio, mean over axes.
