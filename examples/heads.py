@@ -49,7 +49,7 @@ def flicker(
 def recorded_and_fitted(traces: Sequence[hj.Trace], order: int) -> dict[str, hj.Replay]:
     """Replay still recordings, and a fitted model at the same frames."""
     segments, rate_hz = fitting.still_data(traces)
-    model = fitting.fit(traces, order=order).head
+    model = fitting.fit_heads(traces, order=order).head
     drawn = []
     for i, key in enumerate(jax.random.split(jax.random.key(0), DRAWS)):
         sessions = statistics.as_recorded(key, model, segments, rate_hz)
@@ -65,7 +65,7 @@ def held_out(traces: Sequence[hj.Trace], order: int) -> list[list[str]]:
     halves = [[t for t in traces if t.subject in people[i::2]] for i in (0, 1)]
     columns = []
     for fitted, judged in (halves, halves[::-1]):
-        head = fitting.fit(fitted, order=order).head
+        head = fitting.fit_heads(fitted, order=order).head
         segments, rate_hz = fitting.still_data(judged)
         key = jax.random.key(0)
         found = statistics.goodness(key, head, segments, rate_hz, draws=JUDGED_DRAWS)

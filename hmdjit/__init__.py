@@ -16,6 +16,7 @@ from .camera import Region as Region
 from .frames.frame import Frame as Frame
 from .frames.motion import Motion as Motion
 from .frames.sources import Texture as Texture
+from .head_fitting.fitting import fit_heads as fit_heads
 from .head_motion import HeadMotion as HeadMotion
 from .head_motion import Trace as Trace
 from .head_motion.replay import Replay as Replay

@@ -61,15 +61,15 @@ def traces_of(head, key, subjects, seconds, rate_hz=30.0):
     ]
 
 
-def told_within_bounds(found):
-    """Assert that a fit is finite and in range; return which numbers it tells."""
+def identifiable_within_bounds(found):
+    """Assert that a fit is finite and in range; return what is identifiable."""
     value, error, low, high = (np.array(jax.tree.leaves(x), float) for x in found[:4])
     assert np.isfinite(value).all()
-    told = np.isfinite(error)
+    known = np.isfinite(error)
     for of in (error, low, high):
-        np.testing.assert_array_equal(np.isnan(of), ~told)
-        assert np.isfinite(of[told]).all()
-    assert np.all((low <= value) & (value <= high) | ~told)
+        np.testing.assert_array_equal(np.isnan(of), ~known)
+        assert np.isfinite(of[known]).all()
+    assert np.all((low <= value) & (value <= high) | ~known)
     order = len(found.head.resonators)
     bounds = np.exp(whittle.log_bounds(order, found.rate_hz))
     wander = (
@@ -80,4 +80,4 @@ def told_within_bounds(found):
     least, most = bounds[..., None] * np.array([[[1 - 1e-12]], [[1 + 1e-12]]])
     numbers = np.array([*wander, *modes], float)
     assert np.all((least <= numbers) & (numbers <= most))
-    return told
+    return known

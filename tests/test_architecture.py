@@ -47,16 +47,16 @@ LINES = [
 # In a folder, members import the members of earlier steps; `*` is every other name.
 FOLDERS = {
     "head_motion": [
-        ("discretisation",),
-        ("components", "parameters", "trace_formats"),
-        ("trace", "sampling"),
-        ("process",),
-        ("presets", "replay"),
+        ("discretisation", "parameters", "trace_formats"),
+        ("components", "presets", "trace"),
+        ("sampling", "laws"),
+        ("process", "replay"),
     ],
     "head_fitting": [
         ("spectra",),
         ("statistics", "whittle"),
         ("moments", "scoring"),
+        ("errors",),
         ("fitting",),
     ],
     "frames": [
@@ -114,13 +114,6 @@ FOLDERS = {
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
     "cli": [("options", "progress"), ("definition",), ("*",), ("main",)],
-}
-
-# (importer, imported): why this one import may point sideways.
-EXCEPTIONS: dict[tuple[str, str], str] = {
-    ("head_motion.process", "head_motion.presets"): "HeadMotion.seated() and others",
-    ("head_motion.process", "head_fitting.fitting"): "HeadMotion.fit(), for users",
-    ("estimates.summary", "studies.sampler"): "a goal's cells, until they move",
 }
 
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}
@@ -201,14 +194,8 @@ def wrong_imports(trees):
 
 
 def test_imports_point_backwards():
-    wrong = wrong_imports(TREES) - set(EXCEPTIONS)
+    wrong = wrong_imports(TREES)
     assert not wrong, f"(importer, imported): {sorted(wrong)}"
-
-
-def test_exceptions_are_still_needed_and_have_a_reason():
-    present = {pair for pair in EXCEPTIONS if pair[0] in TREES}
-    assert present <= wrong_imports(TREES)
-    assert all(EXCEPTIONS.values())
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ WRONG = [
     (["fit", "{short}"], "at least 30 s of still data"),
     (["fit", "{fast}"], "traces must hold still for 2 s at a time, below 5 deg/s"),
     (["fit", "{frozen}"], "traces must move in all axes to be fitted, none does in p"),
-    (["fit", "{slow}", "{good}"], "share one frame rate within 2 %"),
+    (["fit", "{slow}", "{good}"], "share one rate within 2 %"),
     (["fit", "{good}", "--order", "3"], "order must be one of 0, 1, 2, got '3'"),
     (["fit", "{good}", "--axes", "unty"], r"axes must be one of .* mean 'unity'\?"),
     (["fit", "{good}", "--time-unit", "h"], "time_unit must be one of"),
@@ -239,23 +239,25 @@ def test_an_interruption_ends_with_a_word_and_without_files(
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(fitting, "fit", interrupt)
-    monkeypatch.setattr("hmdjit.figures.head.save", interrupt)
+    monkeypatch.setattr(fitting, "fit_heads", interrupt)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", interrupt)
     assert run(name, *traces) == 130
     assert capsys.readouterr().err == "hmdjit: stopped.\n"
     assert not list(tmp_path.iterdir())
 
 
 def test_a_failed_figure_leaves_no_model(traces, tmp_path, monkeypatch, capsys):
-    def fail(_, path):
+    def fail(_, path, **options):
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hmdjit.figures.head.save", fail)
-    out = tmp_path / "me.csv"
-    assert run("sample", *SHORT, "--out", out) == 2
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", fail)
+    out = tmp_path / "out" / "me.csv"
+    model = tmp_path / "turning.toml"
+    model.write_text(TURNING)
+    assert run("sample", "--model", model, *SHORT, "--out", out) == 2
     assert capsys.readouterr().err == "hmdjit: error: No space left on device\n"
-    assert not list(tmp_path.iterdir())
+    assert not list(out.parent.iterdir())
 
 
 @pytest.mark.slow

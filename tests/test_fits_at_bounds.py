@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from heads import told_within_bounds, traces_of
+from heads import identifiable_within_bounds, traces_of
 
 from hmdjit.curve_fitting.space import CurveSpace
 from hmdjit.curves import Cosine, Spline
@@ -151,21 +151,21 @@ def _drawn(change, subjects, seconds):
 def test_heads_at_and_beyond_the_bounds_are_fitted_within_them(case, subjects, seconds):
     change, order = _BEYOND[case]
     traces = _drawn(change, subjects, seconds)
-    found = fitting.fit(traces, order=order, max_speed_deg_s=1e6)
-    told = told_within_bounds(found)
-    # What lies far beyond is not told with an error.
+    found = fitting.fit_heads(traces, order=order, max_speed_deg_s=1e6)
+    known = identifiable_within_bounds(found)
+    # What lies far beyond is not identifiable.
     if "time beyond" in case or "noise beyond" in case:
         name = "correlation_time_s" if "time" in case else "tracker_noise_deg"
         assert np.isnan(getattr(found.standard_error, name)).any()
     elif "damping below" in case:
         error = np.array(found.standard_error.resonators[0].damping, float)
         assert np.isnan(error).any()
-    assert told.any() or "noise beyond" in case
+    assert known.any() or "noise beyond" in case
 
 
 @pytest.mark.slow
 def test_the_order_of_a_tracker_alone_is_chosen_among_fits_at_their_bounds():
     traces = _drawn({"speed": 0.0}, 6, 16.0)
-    found = fitting.fit(traces, max_speed_deg_s=1e6)
-    told_within_bounds(found)
+    found = fitting.fit_heads(traces, max_speed_deg_s=1e6)
+    identifiable_within_bounds(found)
     assert np.isfinite(list(found.held_out_deviance.values())).all()

@@ -31,7 +31,7 @@ def test_heads_fitted_to_half_of_the_people_move_like_the_others(
     shared, name, order, fitted
 ):
     halves = recordings(shared, name)
-    head = fitting.fit(halves[fitted], order=order).head
+    head = fitting.fit_heads(halves[fitted], order=order).head
     segments, rate_hz = fitting.still_data(halves[1 - fitted])
     found = statistics.goodness(jax.random.key(0), head, segments, rate_hz, draws=64)
     recorded, model = found.recorded, found.model

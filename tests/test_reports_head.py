@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hmdjit import HeadMotion, Trace
 from hmdjit.figures import head as head_figure
+from hmdjit.figures.drawing import save
 from hmdjit.head_fitting import spectra, statistics
 from hmdjit.head_fitting.fitting import Fit
 from hmdjit.head_motion import Amplitude, Resonator, presets
@@ -63,7 +64,8 @@ def scaled(table: Any, by: float) -> Any:
 def fit(**others):
     numbers = presets.to_table(HEAD)
     head, low, high, error = (
-        presets.from_table(scaled(numbers, by)) for by in (1, 0.9, 1.1, 0.05)
+        presets.from_table(HeadMotion, scaled(numbers, by))
+        for by in (1, 0.9, 1.1, 0.05)
     )
     scores = {0: 0.3, 1: 0.21, 2: 0.2}
     amounts = (11, 195, 454.0, 460.0, 90.0)
@@ -95,12 +97,12 @@ def test_a_fit_is_tabled_with_all_its_numbers_errors_and_intervals():
     assert "held-out data by order: 0: 0.3000, 1: 0.2100, 2: 0.2000." in text
 
 
-def test_numbers_that_recordings_do_not_tell_say_so():
+def test_numbers_that_are_not_identifiable_say_so():
     error = fit().standard_error
     unknown = eqx.tree_at(lambda head: head.return_time_s, error, np.nan)
     text = printed(head_report.print_fit, fit(standard_error=unknown))
     line = next(line for line in text.splitlines() if "return_time_s" in line)
-    assert line.split() == ["return_time_s", "3.715", "not", "told"]
+    assert line.split() == ["return_time_s", "3.715", "not", "identifiable"]
 
 
 def test_a_given_order_says_so():
@@ -150,7 +152,7 @@ def test_figures_show_data_alone_or_a_model_beside_them(segments, recorded, tmp_
     for part in ("someone", "3 subjects, 30 Hz, 36 s held still", "median: ", *AXES):
         assert part in words
 
-    head_figure.save(both, tmp_path / "both.png")
+    save(both, tmp_path / "both.png")
     picture = imread(tmp_path / "both.png")
     assert picture.shape[:2] == (1170, 1650)
     assert 0.005 < (picture[..., :3].min(axis=-1) < 0.9).mean() < 0.5
@@ -171,26 +173,25 @@ def test_no_legend_covers_a_line(segments, recorded):
     assert not any(box is None or below.overlaps(box) for box in boxes)
 
 
-def test_the_band_is_that_of_persons_without_the_trackers_noise(segments):
+def test_spectra_are_averaged_over_bins_and_persons(segments, recorded):
     periodograms = spectra.Periodograms.of(segments, RATE_HZ)
     head = HeadMotion((1.0, 0.7, 0.5), (0.1,) * 3, (0.004,) * 3, person_sd=0.3)
-    calm, mean, lively = head_figure._persons(head, periodograms)
-    noise = HeadMotion((0.0,) * 3, (1.0,) * 3, (0.004,) * 3)
-    tracker = statistics.expected_spectrum(noise, periodograms)
-    ratio = (lively - tracker) / (calm - tracker)
-    np.testing.assert_allclose(ratio, np.exp(4 * 1.645 * 0.3), rtol=1e-6)
-    middle = np.sqrt((lively - tracker) * (calm - tracker))
-    np.testing.assert_allclose(middle * np.exp(2 * 0.3**2), mean - tracker, rtol=1e-6)
-
-
-def test_bins_average():
-    frequency_hz = np.arange(1, 700) / 4
-    bins = head_figure._bins(frequency_hz)
-    np.testing.assert_allclose(bins.sum(axis=1), 1)
-    centres = bins @ frequency_hz
-    assert np.all(np.diff(centres) > 0)
-    np.testing.assert_allclose(bins[0], frequency_hz == 0.25)
-    assert np.all((bins > 0).sum(axis=0) == 1)
+    axes = head_figure.draw("me", segments, recorded, head, recorded).axes[0]
+    *_, shown, model = axes.lines
+    frequency_hz, power = np.asarray(shown.get_data(), float)
+    assert np.all(np.diff(frequency_hz) > 0)
+    # Low bins hold one frequency each.
+    np.testing.assert_allclose(frequency_hz[:3], periodograms.frequency_hz[:3])
+    np.testing.assert_allclose(power[:3], periodograms.power.mean(axis=0)[:3, 0])
+    mean = statistics.expected_spectrum(head, periodograms)[:3, 0]
+    np.testing.assert_allclose(np.asarray(model.get_ydata())[:3], mean)
+    (band,) = axes.collections
+    low, high = (
+        statistics.expected_spectrum(head, periodograms, np.exp(2 * 1.645 * sd))[0, 0]
+        for sd in (-0.3, 0.3)
+    )
+    at_start = [y for x, y in band.get_paths()[0].vertices if x == frequency_hz[0]]
+    np.testing.assert_allclose((min(at_start), max(at_start)), (low, high))
 
 
 def test_heads_that_never_move_are_refused(segments, recorded):

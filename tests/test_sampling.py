@@ -15,7 +15,6 @@ from jax.random import clone
 
 from hmdjit.head_motion import Amplitude, HeadMotion, sampling
 from hmdjit.head_motion.components import Parts
-from hmdjit.head_motion.sampling import Bursts
 
 # Two-sided tests at 5 standard errors: of normal statistics 6e-7 false alarms each, of
 # means of 1,000 squares (skewness 0.1, with bursts 0.3) up to 1e-5. This file has some
@@ -273,7 +272,7 @@ def amplitudes(key, sd, correlation_time_s, rate_hz):
     """Amplitude of each frame per session and axis, `(sessions, frames, 3)`."""
 
     def path(key, sd):
-        bursts = Bursts(sd, correlation_time_s)
+        bursts = Amplitude(sd, correlation_time_s)
         still = jnp.zeros(3), jnp.zeros(())
         return sampling.draw(key, FORGETFUL, *still, bursts, 1 / rate_hz, FRAMES)
 

@@ -139,9 +139,13 @@ RATE_HZ, FRAMES, SEGMENTS = 30.0, 361, 12
 
 def drawn_paths(head, key, batches=1):
     """Rotation vectors in deg of 12 sessions per batch, `(sessions, frames, 3)`."""
-    keys = jax.random.split(key, (batches, SEGMENTS))
-    paths = [statistics._paths(some, head, RATE_HZ, FRAMES) for some in keys]
-    return np.degrees(np.concatenate(paths))
+    whole = [trace(np.zeros((FRAMES, 3)), RATE_HZ)] * SEGMENTS
+    drawn = [
+        Rotation.from_quat(one.world_from_head, scalar_first=True)
+        for batch_key in jax.random.split(key, batches)
+        for one in statistics.as_recorded(batch_key, head, whole, RATE_HZ)
+    ]
+    return np.stack([poses.as_rotvec(degrees=True) for poses in drawn])
 
 
 @pytest.mark.parametrize(
@@ -183,6 +187,11 @@ def test_expected_spectra_are_those_of_persons_like_the_models(name, key):
     bands = np.array_split(np.arange(len(expected)), 6)
     of_session = found.power.reshape(len(paths), -1, *found.power.shape[1:])
     relative = of_session.mean(axis=1)[:, 1:] / expected
+    # A person who moves twice as much has four times the spectrum, less the tracker's.
+    tracker = statistics.expected_spectrum(head, found, 0.0)
+    median = statistics.expected_spectrum(head, found, 1.0)
+    twice = statistics.expected_spectrum(head, found, 4.0)
+    np.testing.assert_allclose(twice - tracker, 4 * (median - tracker), rtol=1e-12)
     # Poses turn by 1 deg or more: rotation vectors of turns about several axes do not
     # add up, which moves 1e-4 of their power.
     assert_mean(np.stack([relative[:, b].mean(axis=1) for b in bands], axis=1), 1.0)

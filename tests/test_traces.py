@@ -24,7 +24,14 @@ def test_every_sample_is_made_by_a_command():
     assert len(made) == 6
 
 
-@pytest.mark.parametrize(("model", "rate", "seconds", "seed", "name"), COMMANDS)
+# Every length is a program of its own.
+@pytest.mark.parametrize(
+    ("model", "rate", "seconds", "seed", "name"),
+    [
+        pytest.param(*command, marks=[pytest.mark.slow] * (i > 0))
+        for i, command in enumerate(COMMANDS)
+    ],
+)
 def test_samples_are_what_their_command_draws(model, rate, seconds, seed, name):
     trace = hj.Trace.read(TRACES / name)
     assert trace.rate_hz == pytest.approx(float(rate), rel=1e-4)

@@ -57,7 +57,7 @@ class ApplyCommand:
                 f"out must differ from the folder of the frames, got {out}."
             )
 
-        before, after = metrics.Streamed(metrics.MTCD()), metrics.Streamed(metrics.MTCD())
+        before, after = (metrics.Streamed(metrics.MTCD()) for _ in range(2))
 
         def pictures() -> Iterator[np.ndarray]:
             for file in rich.progress.track(files, technique.id, console=console):

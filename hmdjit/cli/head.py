@@ -11,9 +11,9 @@ import tyro
 from scipy.spatial.transform import Rotation
 
 from .. import _checks
-from .._files import written_atomically
 from .._version import __version__
 from ..figures import head as head_figure
+from ..figures.drawing import save
 from ..head_fitting import fitting, spectra, statistics
 from ..head_fitting.statistics import Goodness
 from ..head_motion import HeadMotion, Trace, presets
@@ -170,7 +170,7 @@ def _fit(command: Fit, console: rich.console.Console) -> None:
         highlight=False,
     )
     with console.status("fitting"):
-        fit = fitting.fit(
+        fit = fitting.fit_heads(
             traces, order=command.order, max_speed_deg_s=recordings.max_speed
         )
     head_report.print_fit(console, fit)
@@ -179,9 +179,8 @@ def _fit(command: Fit, console: rich.console.Console) -> None:
     figure = head_figure.draw(
         title, segments, goodness.recorded, fit.head, goodness.model
     )
-    with written_atomically(figure_file) as unfinished:
-        head_figure.save(figure, unfinished)
-        presets.write(command.out, fit.head, _about(fit, traces, recordings.max_speed))
+    save(figure, figure_file)
+    presets.write(command.out, fit.head, _about(fit, traces, recordings.max_speed))
     console.print(
         f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
     )
@@ -220,8 +219,7 @@ def _describe(command: Describe, console: rich.console.Console) -> None:
         recorded, model, *_ = _beside(console, head, segments, rate_hz)
     title = recordings.name + (f" beside {command.model}" if head else "")
     figure = head_figure.draw(title, segments, recorded, head, model)
-    with written_atomically(figure_file) as unfinished:
-        head_figure.save(figure, unfinished)
+    save(figure, figure_file)
     console.print(f"Wrote {figure_file}.", highlight=False, soft_wrap=True)
 
 
@@ -246,9 +244,8 @@ def _sample(command: Sample, console: rich.console.Console) -> None:
         goodness.model,
         word="drawn",
     )
-    with written_atomically(figure_file) as unfinished:
-        head_figure.save(figure, unfinished)
-        trace.write(command.out)
+    save(figure, figure_file)
+    trace.write(command.out)
     console.print(
         f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
     )

@@ -6,7 +6,6 @@ Velocities are raw frame differences: the tracker's noise is in all that is draw
 import math
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -94,11 +93,6 @@ def draw(
     return figure
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Save a figure as PNG."""
-    figure.savefig(path, format="png", dpi=DPI, metadata={"Software": None})
-
-
 def _spectra(
     panels: Sequence[Axes], periodograms: Periodograms, head: HeadMotion | None
 ) -> None:
@@ -139,13 +133,12 @@ def _persons(
     head: HeadMotion, periodograms: Periodograms
 ) -> tuple[_Spectrum, _Spectrum, _Spectrum]:
     """Spectra expected of calm persons (5 %), of all on average, of lively ones."""
-    none = (0.0,) * len(AXES)
-    still = HeadMotion(none, (1.0,) * len(AXES), head.tracker_noise_deg)
-    tracker = statistics.expected_spectrum(still, periodograms)
-    everyone = statistics.expected_spectrum(head, periodograms)
-    of_median = (everyone - tracker) / float(head.person_power)
     spread = math.exp(2 * _PERSONS * float(head.person_sd))
-    return of_median / spread + tracker, everyone, of_median * spread + tracker
+    low, mean, high = (
+        statistics.expected_spectrum(head, periodograms, power)
+        for power in (1 / spread, None, spread)
+    )
+    return low, mean, high
 
 
 def _structure(axes: Axes, recorded: Description, head: HeadMotion | None) -> None:
@@ -155,8 +148,7 @@ def _structure(axes: Axes, recorded: Description, head: HeadMotion | None) -> No
         axes.plot(recorded.lag_s, turned, label=axis, **points)
     if head is not None:
         lag_s = np.geomspace(recorded.lag_s[0], recorded.lag_s[-1], 200)
-        turned = float(head.person_power) * np.asarray(head.structure_function(lag_s))
-        turned += 2 * np.square(np.array(head.tracker_noise_deg, float))
+        turned = statistics.expected_structure(head, lag_s)
         for k, axis in enumerate(AXES):
             axes.plot(lag_s, _positive(turned[:, k]), color=_LIGHT[axis], **_DASHED)
     _logarithmic(axes)
@@ -176,19 +168,19 @@ def _speeds(
     if model is not None:
         heads.append(("model", model, {"color": _PALE, **_DASHED}))
     shares = np.linspace(0, 1, len(recorded.speed_quantile_deg_s))
-    for who, one, look in heads:
-        axes.plot(one.speed_quantile_deg_s, shares, label=who, **look)
+    for who, one, style in heads:
+        axes.plot(one.speed_quantile_deg_s, shares, label=who, **style)
     for name, share in _SPEEDS.items():
         furthest = max(one.speed_quantile(share) for _, one, _ in heads)
-        for line, (who, one, look) in enumerate(heads):
+        for line, (who, one, style) in enumerate(heads):
             speed = one.speed_quantile(share)
-            axes.plot(speed, share, "o", color=look["color"], ms=5)
+            axes.plot(speed, share, "o", color=style["color"], ms=5)
             axes.annotate(
                 f"{name}: {speed:#.3g} deg/s, {who}",
                 (furthest, share),
                 (12, -5 - 13 * line),
                 textcoords="offset points",
-                color=look["color"],
+                color=style["color"],
                 va="top",
                 fontsize=9,
             )

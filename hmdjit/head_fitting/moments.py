@@ -1,8 +1,8 @@
-"""What is fitted to moments of the recordings, since their spectra do not tell.
+"""What is fitted to moments of the recordings: not identifiable from spectra.
 
 The spectrum of windows of 4 s says nothing about the slow return to the hold pose, and
-no spectrum tells bursts from a Gaussian process. So the return time is the one whose
-wander within 10 s was recorded, and the amplitude's spread the one that gives
+no spectrum distinguishes bursts from a Gaussian process. So the return time is the one
+whose wander within 10 s was recorded, and the amplitude's spread the one that gives
 velocities the recorded shape.
 """
 
@@ -62,16 +62,16 @@ def return_time(
     if len(variances) < _MIN_BLOCKS:
         return Moment(DEFAULT_RETURN_TIME_S, np.nan)
     recorded = variances.mean(axis=0)
-    pull = np.mean(variances / recorded - 1, axis=1) / len(variances)
+    influence = np.mean(variances / recorded - 1, axis=1) / len(variances)
 
     def excess(log_time: float) -> float:
         sprung = eqx.tree_at(lambda h: h.return_time_s, head, float(np.exp(log_time)))
         expected = expected_block_variance(sprung, _BLOCK_S * rate_hz, rate_hz)
         return float(np.mean(np.log(expected / recorded)))
 
-    groups = owners if over_subjects else range(len(pull))
+    groups = owners if over_subjects else range(len(influence))
     low, high = np.log(RETURN_TIMES_S)
-    root, error = _root(excess, (low, high), _spread(pull, groups))
+    root, error = _root(excess, (low, high), _spread(influence, groups))
     if not error <= _MAX_LOG_ERROR:
         return Moment(DEFAULT_RETURN_TIME_S, np.nan)
     return Moment(float(np.exp(root)), error if low < root < high else np.nan)
@@ -84,7 +84,8 @@ def amplitude(
 
     Geary's ratio, of each axis and subject by itself, averaged. It tells a Gaussian
     process (0.798) from one in bursts by the bulk of its velocities, where kurtosis
-    hangs on the few largest bursts. 0, and not told, where that ratio says nothing.
+    hangs on the few largest bursts. 0 without an error where the ratio is
+    uninformative.
     """
     velocities: dict[str, list[np.ndarray]] = {}
     for segment in segments:
@@ -94,7 +95,7 @@ def amplitude(
     ratios, weights, owners = [], [], []
     for subject, parts in velocities.items():
         velocity = np.concatenate(parts)
-        of_blocks = _geary_pseudo_values(velocity)
+        of_blocks = geary_pseudo_values(velocity)
         ratios.append(of_blocks)
         weights.append(np.full(len(of_blocks), len(velocity) / len(of_blocks)))
         owners += [subject] * len(of_blocks)
@@ -115,7 +116,7 @@ def amplitude(
     return Moment(root, error if low < root < high else np.nan)
 
 
-def _geary_pseudo_values(
+def geary_pseudo_values(
     velocity: Float64[np.ndarray, "frames 3"],
 ) -> Float64[np.ndarray, " blocks"]:
     """Jackknife pseudo-values of one subject's ratio, mean over axes.
@@ -167,10 +168,10 @@ def with_amplitude(head: HeadMotion, sd: float) -> HeadMotion:
     )
 
 
-def _spread(pull: Float64[np.ndarray, " units"], groups: Sequence) -> float:
+def _spread(influence: Float64[np.ndarray, " units"], groups: Sequence) -> float:
     """Return the standard error of a sum whose units come in groups; NaN of one."""
     _, group = np.unique(np.asarray(groups), return_inverse=True)
-    of_group = np.bincount(group, weights=pull)
+    of_group = np.bincount(group, weights=influence)
     if len(of_group) == 1:
         return np.nan
     return float(np.sqrt(np.sum(of_group**2) * len(of_group) / (len(of_group) - 1)))

@@ -1,4 +1,4 @@
-"""How far each window pulls a fitted head: Fisher scoring at the estimate."""
+"""Influence of each window on a fitted head: Fisher scoring at the estimate."""
 
 from typing import NamedTuple
 
@@ -41,14 +41,14 @@ class Scoring(NamedTuple):
         return cls(np.stack(score), information, subject)
 
     def without(self, held: Bool[np.ndarray, " held"]) -> "Scoring":
-        """Hold the first numbers where told so: they count for nothing."""
+        """Hold some of the first numbers where they are: they count for nothing."""
         free = np.ones(self.score.shape[1])
         free[: len(held)] = ~held
         kept = self.information * free * free[:, None]
         return self._replace(score=self.score * free, information=kept)
 
-    def told(self, values: int) -> Bool[np.ndarray, " values"]:
-        """Which of the first numbers the recordings tell at all."""
+    def identifiable(self, values: int) -> Bool[np.ndarray, " values"]:
+        """Which of the first numbers lie in no flat direction of the likelihood."""
         whole = self.information[self.subject].sum(axis=0)
         sizes, vectors = np.linalg.eigh(whole)
         flat = vectors[:values, sizes <= _FLAT * sizes[-1]]
@@ -57,7 +57,7 @@ class Scoring(NamedTuple):
     def jackknife(
         self, cluster: Int[np.ndarray, " windows"]
     ) -> Float64[np.ndarray, "clusters numbers"]:
-        """How far the estimate moves, in one step, when a cluster is left out."""
+        """Influence of each cluster: one Fisher step of the estimate without it."""
         of_window = self.information[self.subject]
         whole = of_window.sum(axis=0)
         moves = []

@@ -9,11 +9,13 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float64, Key
 from scipy.spatial.transform import Rotation
 
 from .._types import RandomKey, Scalar
+from ..head_motion import laws
 from ..head_motion.process import HeadMotion
 from ..head_motion.trace import Trace
 from . import spectra
@@ -145,11 +147,15 @@ def expected_block_variance(
     """Mean of `block_variances` over the model's population, deg^2."""
     length = round(frames)
     lags = np.arange(1, length)
-    turned = float(head.person_power) * np.asarray(
-        head.structure_function(lags / rate_hz), float
-    )
-    turned += 2 * np.square(np.array(head.tracker_noise_deg, float))
-    return (length - lags) @ turned / length**2
+    return (length - lags) @ expected_structure(head, lags / rate_hz) / length**2
+
+
+def expected_structure(
+    head: HeadMotion, lag_s: Float64[np.ndarray, " lags"]
+) -> Float64[np.ndarray, "lags 3"]:
+    """Mean squared turn within a time, over the model's population, deg^2."""
+    turned = float(head.person_power) * np.asarray(head.structure_function(lag_s))
+    return turned + 2 * np.square(np.array(head.tracker_noise_deg, float))
 
 
 def _lags(frames: int) -> np.ndarray:
@@ -201,14 +207,18 @@ def _paths(
 
 
 def expected_spectrum(
-    head: HeadMotion, periodograms: Periodograms
+    head: HeadMotion, periodograms: Periodograms, power: float | None = None
 ) -> Float64[np.ndarray, "freqs 3"]:
-    """Mean periodogram that persons like the model's are expected to give."""
-    grid_hz, rate_hz = periodograms.grid_hz, periodograms.rate_hz
-    still = HeadMotion((0.0,) * 3, (1.0,) * 3, head.tracker_noise_deg)
-    tracker = np.asarray(still.sampled_velocity_spectrum(grid_hz, rate_hz), float)
-    whole = np.asarray(head.sampled_velocity_spectrum(grid_hz, rate_hz), float)
-    density = float(head.person_power) * (whole - tracker) + tracker
+    """Mean periodogram that heads like the model's are expected to give.
+
+    **Arguments:** `power`: a person's squared scale; None averages over persons.
+    """
+    power = float(head.person_power) if power is None else power
+    places = jnp.asarray(periodograms.grid_hz), periodograms.rate_hz
+    tracker_deg = jnp.asarray(head.tracker_noise_deg, float)
+    tracker = np.asarray(laws.tracker_spectrum(tracker_deg, *places), float)
+    whole = np.asarray(head.sampled_velocity_spectrum(*places), float)
+    density = power * (whole - tracker) + tracker
     share = periodograms.windows / np.sum(periodograms.windows)
     return np.tensordot(share, periodograms.leakage(), 1) @ density
 

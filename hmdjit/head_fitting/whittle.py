@@ -19,8 +19,9 @@ import optimistix
 from jaxtyping import Array, Bool, Float, Float64, Int
 
 from .._types import Scalar
-from ..head_motion.parameters import AXES, Amplitude, Resonator
-from ..head_motion.process import HeadMotion
+from ..head_motion import laws
+from ..head_motion.parameters import Amplitude, Resonator
+from ..head_motion.process import HeadMotion, parts_of
 from .spectra import Periodograms
 
 ORDERS = (0, 1, 2)
@@ -143,13 +144,10 @@ def log_expected(
 ) -> Float[Array, "subjects freqs 3"]:
     """Logarithm of the periodogram that each subject is expected to have."""
     head = head_of(jnp.exp(log_values), data.return_time_s)
-    none = (0.0,) * len(AXES)
-    moved = eqx.tree_at(lambda h: h.tracker_noise_deg, head, none)
-    seen = HeadMotion(none, head.correlation_time_s, head.tracker_noise_deg)
-    moved, tracker = (
-        part.sampled_velocity_spectrum(data.grid_hz, data.rate_hz)
-        for part in (moved, seen)
-    )
+    places = data.grid_hz, data.rate_hz
+    parts = parts_of(head, log_values.dtype)
+    moved = laws.sampled_velocity_spectrum(parts, jnp.zeros(3), *places)
+    tracker = laws.tracker_spectrum(jnp.exp(log_values[2]), *places)
     leaked = lambda spectrum: (data.leakage @ spectrum)[data.leak_of]
     scale = jnp.exp(2 * log_scale)[:, None, None]
     return jnp.log(scale * leaked(moved) + leaked(tracker))

@@ -1,4 +1,4 @@
-"""The parts of which a head's angle is the sum, and the laws of that sum.
+"""The parts of which a head's angle is the sum.
 
 Each part is a linear Gaussian process of two states, its angle and its velocity:
 
@@ -8,11 +8,10 @@ Each part is a linear Gaussian process of two states, its angle and its velocity
 
 A state is `(x, v)` in units of `s tau` and `s`, or of `s / w0` and `s`: without units
 its numbers stay near 1 at every rate. Arrays are `(parts, 3, ...)`, axes ordered pitch
-(x), yaw (y), roll (z); laws are sums over the parts, `(..., 3)`.
+(x), yaw (y), roll (z).
 """
 
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -91,134 +90,3 @@ def apply(matrices: Float[Array, "... 2 2"], states: Float[Array, "... 2"]) -> A
     """Multiply each state by its matrix."""
     # A sum of products, as a matrix product would be rounded to TF32 on some devices.
     return jnp.sum(matrices * states[..., None, :], axis=-1)
-
-
-def _sum(parts: Parts, law: Float[Array, "parts 3"]) -> _ThreeNumbers:
-    return jnp.sum(parts.angle_unit_deg**2 * law, axis=0)
-
-
-_each = partial(jnp.vectorize, signature="()->(3)")
-
-
-def covariance(parts: Parts, lag_s: Array) -> Float[Array, "*lags 3"]:
-    """Covariance of the angle with itself `lag_s` later, deg^2."""
-
-    def law(lag_s: Scalar) -> _ThreeNumbers:
-        # In the wander all terms are positive: nothing cancels.
-        change, _ = parts.sampled(jnp.abs(lag_s))
-        start = parts.stationary[..., 0]
-        return _sum(parts, (start + apply(change, start))[..., 0])
-
-    return _each(law)(lag_s)
-
-
-def structure_function(parts: Parts, lag_s: Array) -> Float[Array, "*lags 3"]:
-    """Mean squared turn of the angle within `lag_s`, deg^2."""
-
-    def law(lag_s: Scalar) -> _ThreeNumbers:
-        return _sum(parts, _turn_variance(parts, *parts.sampled(jnp.abs(lag_s))))
-
-    return _each(law)(lag_s)
-
-
-def _turn_variance(parts: Parts, change: Array, noise: Array) -> Array:
-    # The turn is `change[0] @ state + noise`, in terms of the state before it: a sum of
-    # positive terms, where differences of `covariance` would cancel.
-    turn = change[..., 0, :]
-    return jnp.sum(turn * apply(parts.stationary, turn), axis=-1) + noise[..., 0, 0]
-
-
-def increment_covariance(
-    parts: Parts, lag_frames: Array, rate_hz: Scalar
-) -> Float[Array, "*lags 3"]:
-    """Covariance of frame-to-frame turns `lag_frames` apart, deg^2."""
-    dtype = parts.drift.dtype
-    frame_time_s = 1 / jnp.asarray(rate_hz, dtype)
-    change, noise = parts.sampled(frame_time_s)
-    turn = change[..., 0, :]
-    variance = _turn_variance(parts, change, noise)
-    before = apply(parts.stationary, turn)
-    after = before + apply(change, before) + noise[..., 0]
-    # Stationary: the angle after a turn covaries with it by half its variance.
-    after = after.at[..., 0].set(variance / 2)
-
-    def law(lag: Array) -> _ThreeNumbers:
-        lag = jnp.abs(lag)
-        between_s = jnp.maximum(lag - 1, 0).astype(dtype) * frame_time_s
-        later = after + apply(parts.sampled(between_s)[0], after)
-        ahead = jnp.sum(turn * later, axis=-1)
-        return _sum(parts, jnp.where(lag == 0, variance, ahead))
-
-    return _each(law)(lag_frames)
-
-
-def velocity_spectrum(parts: Parts, frequency_hz: Array) -> Float[Array, "*freqs 3"]:
-    """One-sided spectral density of the angle's velocity, (deg/s)^2/Hz."""
-    # dx = (m00 x + m01 v) dt, dv = (m10 x + m11 v) dt + sqrt(d) dW, by Cramer's rule.
-    m00, m01 = parts.drift[..., 0, 0], parts.drift[..., 0, 1]
-    m10, m11 = parts.drift[..., 1, 0], parts.drift[..., 1, 1]
-    speed_deg_s = parts.angle_unit_deg * m01
-
-    def law(frequency_hz: Scalar) -> _ThreeNumbers:
-        w = 2 * jnp.pi * frequency_hz
-        real = m00 * m11 - m01 * m10 - w**2
-        imaginary = w * (m00 + m11)
-        # Over the larger one: w^4 and its slope span more than float32 does.
-        size = jnp.maximum(jnp.abs(real), jnp.abs(imaginary))
-        over = jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))
-        squares = (real / over) ** 2 + (imaginary / over) ** 2
-        response = parts.diffusion[..., 1, 1] * (speed_deg_s * (w / over)) ** 2
-        return 2 * jnp.sum(response / squares, axis=0)
-
-    return _each(law)(frequency_hz)
-
-
-def sampled_velocity_spectrum(
-    parts: Parts, frequency_hz: Array, rate_hz: Scalar
-) -> Float[Array, "*freqs 3"]:
-    """One-sided density of the frame-difference velocity, (deg/s)^2/Hz."""
-    rate_hz = jnp.asarray(rate_hz, parts.drift.dtype)
-    change, noise = parts.sampled(1 / rate_hz)
-    spread = jnp.linalg.cholesky(noise)
-    c00, c01 = change[..., 0, 0], change[..., 0, 1]
-    c10, c11 = change[..., 1, 0], change[..., 1, 1]
-
-    def law(frequency_hz: Scalar) -> _ThreeNumbers:
-        # The state is (z - transition)^-1 spread w of white w, z on the unit circle;
-        # the turn is (z - 1) x. All in squares, by z - 1 = real + i imaginary.
-        phase = 2 * jnp.pi * frequency_hz / rate_hz
-        real, imaginary = -2 * jnp.sin(phase / 2) ** 2, jnp.sin(phase)
-        first = (real - c11) * spread[..., 0, 0] + c01 * spread[..., 1, 0]
-        second = c01 * spread[..., 1, 1]
-        across = imaginary * spread[..., 0, 0]
-        determinant_real = (real - c00) * (real - c11) - c01 * c10 - imaginary**2
-        determinant_imaginary = imaginary * (2 * real - c00 - c11)
-        # All over the determinant's size: its square may be too small for float32.
-        size = jnp.maximum(jnp.abs(determinant_real), jnp.abs(determinant_imaginary))
-        size = jax.lax.stop_gradient(size)
-        over = lambda *terms: sum((term / size) ** 2 for term in terms)
-        turn_deg = 2 * jnp.sin(phase / 2) * parts.angle_unit_deg
-        power = over(turn_deg * first, turn_deg * across, turn_deg * second)
-        power = power / over(determinant_real, determinant_imaginary)
-        return 2 * rate_hz * jnp.sum(power, axis=0)
-
-    return _each(law)(frequency_hz)
-
-
-def turn_memory(
-    parts: Parts, rate_hz: Scalar, frames: int
-) -> Float[Array, "{frames} 3"]:
-    """Variance that one frame's noise gives to the turn `lag` frames later, deg^2."""
-    change, noise = parts.sampled(1 / jnp.asarray(rate_hz, parts.drift.dtype))
-    spread = jnp.linalg.cholesky(noise)
-    unit_deg = parts.angle_unit_deg[None, :, :, None]
-    first = unit_deg * jnp.moveaxis(spread, -1, 0)  # (2 sources, parts, 3, 2)
-    moved = jax.vmap(apply, (None, 0))
-
-    def later(state: Array, _: Any) -> tuple[Array, Array]:
-        turn = moved(change, state)
-        return state + turn, turn[..., 0]
-
-    _, turns = jax.lax.scan(later, first, length=frames - 1)
-    turns = jnp.concatenate([first[None, ..., 0], turns])
-    return jnp.sum(turns**2, axis=(1, 2))

@@ -1,8 +1,5 @@
 """Parameters of head models: numbers per axis, damped modes, bursts."""
 
-from collections.abc import Iterable
-from typing import Any
-
 import equinox as eqx
 
 from .. import _checks
@@ -11,11 +8,6 @@ from .._types import Scalar
 AXES = ("pitch", "yaw", "roll")
 PerAxis = tuple[Scalar, Scalar, Scalar]
 """One number each for pitch, yaw and roll."""
-
-
-def per_axis(values: Iterable[Any]) -> tuple[Any, ...]:
-    """Convert to Python floats, but let arrays and tracers pass."""
-    return tuple(_checks.number(value) for value in values)
 
 
 def check_per_axis(config: eqx.Module, name: str, *, open_low: bool) -> None:
@@ -41,9 +33,9 @@ class Resonator(eqx.Module):
     **Errors:** `ValueError` naming the field, the range and the value.
     """
 
-    speed_rms_deg_s: PerAxis = eqx.field(converter=per_axis)
-    frequency_hz: PerAxis = eqx.field(converter=per_axis)
-    damping: PerAxis = eqx.field(converter=per_axis)
+    speed_rms_deg_s: PerAxis = eqx.field(converter=_checks.numbers)
+    frequency_hz: PerAxis = eqx.field(converter=_checks.numbers)
+    damping: PerAxis = eqx.field(converter=_checks.numbers)
 
     def __check_init__(self):
         check_per_axis(self, "speed_rms_deg_s", open_low=False)

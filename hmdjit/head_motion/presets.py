@@ -7,18 +7,19 @@ A table has the names of `HeadMotion`'s fields as keys; `source`, `fit` and
 import dataclasses
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args, get_origin
 
 import equinox as eqx
 
 from .. import _checks, _toml
 from .._files import written_atomically
-from .parameters import Amplitude, PerAxis, Resonator
-from .process import HeadMotion
+from .parameters import AXES, PerAxis
 
-_ABOUT = ("source", "fit", "standard_error")
+ABOUT = ("source", "fit", "standard_error")
+
+_Config = TypeVar("_Config", bound=eqx.Module)
 
 
 def tables() -> dict[str, dict[str, Any]]:
@@ -27,31 +28,20 @@ def tables() -> dict[str, dict[str, Any]]:
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def preset(name: str) -> HeadMotion:
-    """Head of a preset.
-
-    **Errors:** `ValueError` for an unknown name, with the nearest known one.
-    """
-    known = tables()
-    _checks.one_of("head", name, known)
-    return from_table(known[name])
-
-
-def read(path: str | os.PathLike[str]) -> HeadMotion:
+def read(kind: type[_Config], path: str | os.PathLike[str]) -> _Config:
     """Read a head from a file.
 
     **Errors:** `ValueError`, one line, naming the file and the key.
     """
+    table = _toml.read(Path(path))
     try:
-        return from_table(tomllib.loads(Path(path).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}.") from None
-    except (ValueError, OverflowError, RecursionError) as error:  # also of TOML, UTF-8
+        return from_table(kind, table)
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def write(
-    path: str | os.PathLike[str], head: HeadMotion, about: Mapping[str, Any]
+    path: str | os.PathLike[str], head: eqx.Module, about: Mapping[str, Any]
 ) -> None:
     """Write a head to a file that `read` gives back, to 6 digits.
 
@@ -75,43 +65,46 @@ def to_table(config: Any) -> Any:
     return float(config)
 
 
-def from_table(table: Mapping[str, Any]) -> HeadMotion:
-    """Make a head from a table.
+def from_table(kind: type[_Config], table: Any, place: str = "") -> _Config:
+    """Make a config from a table with its fields' names as keys.
+
+    **Arguments:** `kind`: the config's class; `place`: where a nested table stands.
 
     **Errors:** `ValueError` naming the key, what is allowed and the value.
     """
-    numbers = {key: table[key] for key in table if key not in _ABOUT}
-    modes = numbers.pop("resonators", [])
-    if not isinstance(modes, list):
-        raise ValueError(f"resonators must be a list of tables, got {modes!r}.")
-    resonators = [
-        _config(Resonator, mode, f"resonators[{i}].") for i, mode in enumerate(modes)
-    ]
-    amplitude = numbers.pop("amplitude", None)
-    if amplitude is not None:
-        amplitude = _config(Amplitude, amplitude, "amplitude.")
-    nested = {"resonators": resonators, "amplitude": amplitude}
-    return _config(HeadMotion, numbers, "", _ABOUT, **nested)
-
-
-def _config(
-    kind: Any, table: Any, place: str, about: Sequence[str] = (), **nested: Any
-) -> Any:
     if not isinstance(table, Mapping):
-        raise ValueError(f"{place.rstrip('.')} must be a table, got {table!r}.")
-    fields = {f.name: f for f in dataclasses.fields(kind) if f.name not in nested}
+        raise ValueError(f"{place} must be a table, got {table!r}.")
+    prefix = f"{place}." if place else ""
+    about = () if place else ABOUT
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    held = {}
     for key, value in table.items():
-        _checks.one_of(f"{place}key", key, [*fields, *nested, *about])
-        what, numbers = "a number", [value]
-        if fields[key].type == PerAxis:
-            what = "3 numbers (pitch, yaw, roll)"
-            numbers = value if isinstance(value, list) else [None]
-        if not all(type(number) in (int, float) for number in numbers):
-            raise ValueError(f"{place}{key} must be {what}, got {value!r}.")
+        _checks.one_of(f"{prefix}key", key, [*fields, *about])
+        if key in fields:
+            held[key] = _value(fields[key].type, value, prefix + key)
     for name, field in fields.items():
         if field.default is dataclasses.MISSING and name not in table:
-            raise ValueError(f"{place}{name} is missing.")
+            raise ValueError(f"{prefix}{name} is missing.")
     try:
-        return kind(**table, **nested)
+        return kind(**held)
     except ValueError as error:
-        raise ValueError(f"{place}{error}") from None
+        raise ValueError(f"{prefix}{error}") from None
+
+
+def _value(kind: Any, value: Any, place: str) -> Any:
+    """Read a field that holds numbers, another config or several of them."""
+    for inner in get_args(kind):
+        if not (isinstance(inner, type) and issubclass(inner, eqx.Module)):
+            continue
+        if get_origin(kind) is not tuple:
+            return from_table(inner, value, place)
+        if not isinstance(value, list):
+            raise ValueError(f"{place} must be a list of tables, got {value!r}.")
+        return [from_table(inner, v, f"{place}[{i}]") for i, v in enumerate(value)]
+    what, numbers = "a number", [value]
+    if kind == PerAxis:
+        what = f"3 numbers ({', '.join(AXES)})"
+        numbers = value if isinstance(value, list) else [None]
+    if not all(type(number) in (int, float) for number in numbers):
+        raise ValueError(f"{place} must be {what}, got {value!r}.")
+    return value

@@ -3,14 +3,14 @@
 Per axis the head's angle is the sum of a wander (an Ornstein-Uhlenbeck velocity,
 integrated against a very weak spring) and of damped resonances (head on neck near 3 Hz,
 tremor near 8 to 12 Hz, heartbeat near 1.2 Hz), seen by a tracker with white angle noise
-per sampled frame. The linear core is in `components`; persons differ by a scale, and a
-slow log-normal amplitude makes movement come in bursts.
+per sampled frame. The linear core is in `components` and `laws`; persons differ by a
+scale, and a slow log-normal amplitude makes movement come in bursts.
 
 Arrays per axis are ordered pitch (x), yaw (y), roll (z).
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -21,11 +21,9 @@ from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
 from .. import _checks, quaternion
 from .._types import Path, Poses, RandomKey, Scalar
-from . import components, sampling
+from . import components, laws, presets, sampling
 from .components import Parts
-from .parameters import AXES, Amplitude, PerAxis, Resonator, check_per_axis, per_axis
-from .sampling import Bursts
-from .trace import Trace
+from .parameters import AXES, Amplitude, PerAxis, Resonator, check_per_axis
 
 
 class HeadMotion(eqx.Module):
@@ -58,9 +56,9 @@ class HeadMotion(eqx.Module):
     **Errors:** `ValueError` naming the field, the range and the value.
     """
 
-    speed_rms_deg_s: PerAxis = eqx.field(converter=per_axis)
-    correlation_time_s: PerAxis = eqx.field(converter=per_axis)
-    tracker_noise_deg: PerAxis = eqx.field(converter=per_axis)
+    speed_rms_deg_s: PerAxis = eqx.field(converter=_checks.numbers)
+    correlation_time_s: PerAxis = eqx.field(converter=_checks.numbers)
+    tracker_noise_deg: PerAxis = eqx.field(converter=_checks.numbers)
     return_time_s: Scalar = eqx.field(converter=_checks.number, default=15.0)
     person_sd: Scalar = eqx.field(converter=_checks.number, default=0.17)
     resonators: tuple[Resonator, ...] = eqx.field(converter=tuple, default=())
@@ -75,49 +73,33 @@ class HeadMotion(eqx.Module):
 
     @classmethod
     def seated(cls) -> "HeadMotion":
-        """People seated with a supported back, waiting in a neutral pose.
-
-        **Source:** recordings of Santos-Paz et al., PeerJ 2022, doi
-        10.7717/peerj.14031, HTC Vive Pro Eye, 90 Hz; numbers in `presets.toml`.
-        """
+        """People seated with a supported back, waiting (Santos-Paz et al., 2022)."""
         return cls.preset("seated")
 
     @classmethod
     def fixating(cls) -> "HeadMotion":
-        """People who hold their gaze on a marker for 3 s each.
-
-        **Source:** recordings of Uramune et al., arXiv 2311.00391, HTC Vive Pro Eye,
-        90 Hz; numbers in `presets.toml`.
-        """
+        """People who hold their gaze on markers for 3 s (Uramune et al., 2023)."""
         return cls.preset("fixating")
 
     @classmethod
     def free_viewing(cls) -> "HeadMotion":
-        """People who watch 360-degree videos, while they hold still.
-
-        **Source:** recordings of Nasrabadi et al., MMSys 2019, arXiv 1905.03823, Oculus
-        Go, 60 Hz; numbers in `presets.toml`.
-        """
+        """People watching 360-degree videos, held still (Nasrabadi et al., 2019)."""
         return cls.preset("free_viewing")
 
     @classmethod
     def tracker_noise(cls) -> "HeadMotion":
-        """Take a headset that nobody wears: the tracker's noise alone.
-
-        **Source:** idle parts of recordings of Banaszczyk et al., arXiv 2412.06116,
-        Quest 2, 72 Hz; numbers in `presets.toml`.
-        """
+        """Noise of a headset's tracker alone, unworn (Banaszczyk et al., 2024)."""
         return cls.preset("tracker_noise")
 
     @classmethod
     def preset(cls, name: str) -> "HeadMotion":
-        """Head of a name in `presets.toml`: `seated`, `fixating`, ...
+        """Head of a name in `presets.toml`, which gives sources and standard errors.
 
         **Errors:** `ValueError` for an unknown name, with the nearest known one.
         """
-        from . import presets
-
-        return presets.preset(name)
+        known = presets.tables()
+        _checks.one_of("head", name, known)
+        return presets.from_table(cls, known[name])
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "HeadMotion":
@@ -125,19 +107,7 @@ class HeadMotion(eqx.Module):
 
         **Errors:** `ValueError`, one line, naming the file and the key.
         """
-        from . import presets
-
-        return presets.read(path)
-
-    @classmethod
-    def fit(cls, traces: Sequence[Trace], *, order: int | None = None) -> "HeadMotion":
-        """Fit a head to recorded ones; `fitting.fit` also says how sure it is.
-
-        **Errors:** `ValueError`, see `fitting.fit`.
-        """
-        from ..head_fitting import fitting
-
-        return fitting.fit(traces, order=order).head
+        return presets.read(cls, path)
 
     def __str__(self) -> str:
         def listed(values: tuple[Scalar, ...]) -> str:
@@ -207,11 +177,11 @@ class HeadMotion(eqx.Module):
 
     def covariance(self, lag_s: ArrayLike) -> Float[Array, "*lags 3"]:
         """Covariance of the head's angle with itself `lag_s` later, deg^2."""
-        return _covariance(self, jnp.asarray(lag_s, _dtype(self)))
+        return _law(laws.covariance, self, jnp.asarray(lag_s, _dtype(self)))
 
     def structure_function(self, lag_s: ArrayLike) -> Float[Array, "*lags 3"]:
         """Mean squared turn of the head within `lag_s`, without the tracker, deg^2."""
-        return _structure_function(self, jnp.asarray(lag_s, _dtype(self)))
+        return _law(laws.structure_function, self, jnp.asarray(lag_s, _dtype(self)))
 
     def increment_covariance(
         self, lag_frames: ArrayLike, rate_hz: Scalar
@@ -221,7 +191,8 @@ class HeadMotion(eqx.Module):
         The tracker's noise is included.
         """
         _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
-        return _increment_covariance(self, jnp.asarray(lag_frames, int), rate_hz)
+        lags = jnp.asarray(lag_frames, int)
+        return _law(laws.increment_covariance, self, _tracker(self), lags, rate_hz)
 
     def increment_rms_deg(self, rate_hz: Scalar) -> Float[Array, ""]:
         """RMS rotation per frame, all axes together, tracker's noise included, deg.
@@ -237,7 +208,8 @@ class HeadMotion(eqx.Module):
         self, frequency_hz: ArrayLike
     ) -> Float[Array, "*frequencies 3"]:
         """One-sided spectral density of the angle's velocity, (deg/s)^2/Hz."""
-        return _velocity_spectrum(self, jnp.asarray(frequency_hz, _dtype(self)))
+        frequency_hz = jnp.asarray(frequency_hz, _dtype(self))
+        return _law(laws.velocity_spectrum, self, frequency_hz)
 
     def sampled_velocity_spectrum(
         self, frequency_hz: ArrayLike, rate_hz: Scalar
@@ -248,8 +220,8 @@ class HeadMotion(eqx.Module):
         noise `n`: frequencies lie in `[0, rate_hz / 2]`, and all aliases are included.
         """
         _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
-        frequency_hz = jnp.asarray(frequency_hz, _dtype(self))
-        return _sampled_velocity_spectrum(self, frequency_hz, rate_hz)
+        places = _tracker(self), jnp.asarray(frequency_hz, _dtype(self)), rate_hz
+        return _law(laws.sampled_velocity_spectrum, self, *places)
 
     def increment_kurtosis(
         self, rate_hz: float, *, memory_s: float = 4.0
@@ -264,33 +236,35 @@ class HeadMotion(eqx.Module):
         if self.amplitude is None:
             return jnp.zeros(len(AXES), _dtype(self))
         frames = max(2, round(memory_s * rate_hz))
-        return _increment_kurtosis(self, self.amplitude, rate_hz, frames)
+        given = _tracker(self), self.amplitude, rate_hz
+        return _law(laws.increment_kurtosis, self, *given, frames=frames)
+
+
+def parts_of(head: HeadMotion, dtype: DTypeLike) -> Parts:
+    """Parts of the head's angle, wander first, as linear systems in a precision."""
+    stacked = partial(_stacked, dtype=dtype)
+    wander = components.wander(
+        stacked(head.speed_rms_deg_s),
+        stacked(head.correlation_time_s),
+        jnp.asarray(head.return_time_s, dtype),
+    )
+    modes = [
+        components.resonance(*map(stacked, vars(mode).values()))
+        for mode in head.resonators
+    ]
+    return components.joined(wander, *modes)
 
 
 def _dtype(head: HeadMotion) -> Any:
     return jnp.result_type(*jax.tree.leaves(head))
 
 
-def _stacked(values: PerAxis, dtype: Any) -> Float[Array, "3"]:
+def _stacked(values: PerAxis, dtype: DTypeLike) -> Float[Array, "3"]:
     return jnp.stack([jnp.asarray(value, dtype) for value in values])
 
 
-def _parts(head: HeadMotion, dtype: Any) -> Parts:
-    per_axis = partial(_stacked, dtype=dtype)
-    wander = components.wander(
-        per_axis(head.speed_rms_deg_s),
-        per_axis(head.correlation_time_s),
-        jnp.asarray(head.return_time_s, dtype),
-    )
-    modes = [
-        components.resonance(
-            per_axis(mode.speed_rms_deg_s),
-            per_axis(mode.frequency_hz),
-            per_axis(mode.damping),
-        )
-        for mode in head.resonators
-    ]
-    return components.joined(wander, *modes)
+def _tracker(head: HeadMotion) -> Float[Array, "3"]:
+    return _stacked(head.tracker_noise_deg, _dtype(head))
 
 
 @partial(jax.jit, static_argnames=("frames", "dtype"))
@@ -298,84 +272,18 @@ def _rotation_vectors(
     key: RandomKey, head: HeadMotion, rate_hz: Scalar, frames: int, dtype: Any
 ) -> Path:
     as_array = partial(jnp.asarray, dtype=dtype)
-    bursts = None
-    if head.amplitude is not None:
-        times = head.amplitude.sd, head.amplitude.correlation_time_s
-        bursts = Bursts(*map(as_array, times))
     path_deg = sampling.draw(
         key,
-        _parts(head, dtype),
+        parts_of(head, dtype),
         _stacked(head.tracker_noise_deg, dtype),
         as_array(head.person_sd),
-        bursts,
+        jax.tree.map(as_array, head.amplitude),
         1 / as_array(rate_hz),
         frames,
     )
     return jnp.deg2rad(path_deg)
 
 
-@jax.jit
-def _covariance(head: HeadMotion, lag_s: Array) -> Array:
-    return components.covariance(_parts(head, lag_s.dtype), lag_s)
-
-
-@jax.jit
-def _structure_function(head: HeadMotion, lag_s: Array) -> Array:
-    return components.structure_function(_parts(head, lag_s.dtype), lag_s)
-
-
-@jax.jit
-def _increment_covariance(head: HeadMotion, lag: Array, rate_hz: Scalar) -> Array:
-    dtype = _dtype(head)
-    law = components.increment_covariance(_parts(head, dtype), lag, rate_hz)
-    # Neighbours share one noise value, with opposite signs.
-    shared = jnp.select([lag == 0, abs(lag) == 1], [2, -1], 0).astype(dtype)
-    noise = _stacked(head.tracker_noise_deg, dtype) ** 2
-    return law + jnp.multiply.outer(shared, noise)
-
-
-@jax.jit
-def _velocity_spectrum(head: HeadMotion, frequency_hz: Array) -> Array:
-    parts = _parts(head, frequency_hz.dtype)
-    return components.velocity_spectrum(parts, frequency_hz)
-
-
-@jax.jit
-def _sampled_velocity_spectrum(
-    head: HeadMotion, frequency_hz: Array, rate_hz: Scalar
-) -> Array:
-    dtype = frequency_hz.dtype
-    parts = _parts(head, dtype)
-    law = components.sampled_velocity_spectrum(parts, frequency_hz, rate_hz)
-    rate_hz = jnp.asarray(rate_hz, dtype)
-    filtered = 8 * rate_hz * jnp.sin(jnp.pi * frequency_hz / rate_hz) ** 2
-    noise = _stacked(head.tracker_noise_deg, dtype) ** 2
-    return law + jnp.multiply.outer(filtered, noise)
-
-
-@partial(jax.jit, static_argnames="frames")
-def _increment_kurtosis(
-    head: HeadMotion, amplitude: Amplitude, rate_hz: Scalar, frames: int
-) -> Float[Array, "3"]:
-    # Given the amplitude an increment is normal: its kurtosis is 3 times the relative
-    # variance of its variance, the sum of what each frame's noise gives times a^2, with
-    # cov(a^2, a'^2) = exp(4 sd^2 correlation) - 1.
-    dtype = _dtype(head)
-    # It has no unit: in units of the largest part no square is too small for float32.
-    parts, tracker = _parts(head, dtype), _stacked(head.tracker_noise_deg, dtype)
-    unit = jnp.maximum(jnp.max(parts.angle_unit_deg, axis=0), tracker)
-    unit = jax.lax.stop_gradient(jnp.where(unit > 0, unit, 1.0))
-    parts = parts._replace(angle_unit_deg=parts.angle_unit_deg / unit[None])
-    given = components.turn_memory(parts, rate_hz, frames)
-    total = jnp.sum(given, axis=0) + 2 * (tracker / unit) ** 2
-    # Over its own size first: a quotient's slope divides by the square of its divisor,
-    # which here is too small for float32.
-    size = jax.lax.stop_gradient(jnp.where(total > 0, total, 1.0))
-    given, total = given / size[None], total / size
-    given = given / jnp.where(total > 0, total, 1.0)[None]
-    pairs = jax.vmap(partial(jax.scipy.signal.correlate, method="fft"), 1, 1)
-    pairs = pairs(given, given)  # by lag, from 1 - frames to frames - 1
-    lag_s = jnp.abs(jnp.arange(1 - frames, frames)).astype(dtype) / rate_hz
-    correlation = jnp.exp(-lag_s / jnp.asarray(amplitude.correlation_time_s, dtype))
-    shared = jnp.expm1(4 * jnp.asarray(amplitude.sd, dtype) ** 2 * correlation)
-    return 3 * jnp.sum(pairs * shared[:, None], axis=0)
+@partial(jax.jit, static_argnums=0, static_argnames="frames")
+def _law(law: Callable, head: HeadMotion, *arguments: Any, **static: int) -> Array:
+    return law(parts_of(head, _dtype(head)), *arguments, **static)

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from .. import _checks
 from ..quaternion import rebase
-from .trace import Trace
+from .trace import Trace, shared_rate_hz
 
 
 class Replay(eqx.Module):
@@ -22,20 +22,10 @@ class Replay(eqx.Module):
     rate_hz: float | None = None
 
     def __check_init__(self):
-        if not self.traces:
-            raise ValueError("traces must name at least one recording, got none.")
-        if self.rate_hz is not None:
+        if self.traces and self.rate_hz is not None:
             _checks.in_range("rate_hz", self.rate_hz, 0, open_low=True)
-            return
-        rates = [trace.rate_hz for trace in self.traces]
-        middle = float(np.median(rates))
-        for trace, rate in zip(self.traces, rates, strict=True):
-            if abs(rate / middle - 1) > 0.02:
-                raise ValueError(
-                    "traces must share one rate within 2 % to be replayed at their "
-                    f"own: {trace.name} has {rate:.2f} Hz, the median is "
-                    f"{middle:.2f} Hz; name a refresh rate to resample them."
-                )
+        else:
+            shared_rate_hz(self.traces, "; name a refresh rate to resample them")
 
     def __str__(self) -> str:
         subjects = {trace.subject for trace in self.traces}
@@ -47,9 +37,7 @@ class Replay(eqx.Module):
     @property
     def refresh_hz(self) -> float:
         """Frames per second of the replay; the median over traces of their own."""
-        if self.rate_hz is not None:
-            return self.rate_hz
-        return float(np.median([trace.rate_hz for trace in self.traces]))
+        return self.rate_hz or shared_rate_hz(self.traces)
 
     def windows(
         self, frames: int

@@ -1,23 +1,15 @@
 """Draw paths of a head: a person, an amplitude, the parts' states, the tracker."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._types import Path, RandomKey, Scalar
 from .components import Parts, apply
+from .parameters import Amplitude
 
 # Longer than a burst, and than what the velocity remembers.
 _RUN_IN_STEPS, _RUN_IN_STEP_S = 16, 0.1
-
-
-class Bursts(NamedTuple):
-    """Spread and correlation time, s, of the logarithm of the amplitude."""
-
-    sd: Float[Array, ""]
-    correlation_time_s: Float[Array, ""]
 
 
 def draw(
@@ -25,7 +17,7 @@ def draw(
     parts: Parts,
     tracker_noise_deg: Float[Array, "3"],
     person_sd: Float[Array, ""],
-    bursts: Bursts | None,
+    bursts: Amplitude | None,
     frame_time_s: Scalar,
     frames: int,
 ) -> Path:
@@ -76,7 +68,7 @@ def draw(
 
 
 def _amplitude(
-    bursts: Bursts, noise: Float[Array, " steps"], step_s: Float[Array, " steps"]
+    bursts: Amplitude, noise: Float[Array, " steps"], step_s: Float[Array, " steps"]
 ) -> Float[Array, " steps"]:
     """Amplitude `exp(sd m - sd^2)` of each step; its square is 1 on average."""
     step = -step_s / bursts.correlation_time_s

@@ -11,6 +11,7 @@ from pathlib import Path
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from scipy.spatial.transform import Rotation, Slerp
 
 from .. import _checks
 from .._files import written_atomically
@@ -148,13 +149,16 @@ class Trace(eqx.Module):
 
         Right for lost frames, jitter, times rounded to 1 ms (60 Hz: a median of 17 ms).
         """
-        inside = ~self._gaps
-        frames, steps = np.diff(self.frame_numbers), np.diff(self.t_s)
-        return float(np.sum(frames[inside]) / np.sum(steps[inside]))
+        inside, frames = ~self._gaps, np.diff(self.frame_numbers)
+        return float(np.sum(frames[inside]) / np.sum(np.diff(self.t_s)[inside]))
 
     @property
     def _gaps(self) -> Bool[np.ndarray, " steps"]:
         return np.diff(self.t_s) > _GAP_FRAMES * self.frame_s
+
+    @property
+    def _rotations(self) -> Rotation:
+        return Rotation.from_quat(self.world_from_head, scalar_first=True)
 
     def _rows(self, start: int, end: int) -> "Trace":
         leaves = lambda trace: (trace.t_s, trace.world_from_head)
@@ -164,8 +168,7 @@ class Trace(eqx.Module):
     def parts(self) -> list["Trace"]:
         """Return the pieces between gaps that have at least 2 rows, as recorded."""
         edges = [0, *(np.flatnonzero(self._gaps) + 1).tolist(), len(self.t_s)]
-        pairs = itertools.pairwise(edges)
-        return [self._rows(start, end) for start, end in pairs if end - start > 1]
+        return [self._rows(a, b) for a, b in itertools.pairwise(edges) if b - a > 1]
 
     def still_segments(
         self, max_speed_deg_s: float = 5.0, min_duration_s: float = 2.0
@@ -193,7 +196,7 @@ class Trace(eqx.Module):
 
     def _mean_square_speed(self) -> _Times:
         """Mean square angular speed around each row, (rad/s)^2."""
-        angle = 2 * _angles(self.world_from_head[:-1], self.world_from_head[1:])
+        angle = (self._rotations[:-1].inv() * self._rotations[1:]).magnitude()
         # The integral of the squared speed, which is constant from row to row.
         integral = np.append(0.0, np.cumsum(angle**2 / np.diff(self.t_s)))
         low = np.maximum(self.t_s - _STILL_WINDOW_S / 2, self.t_s[0])
@@ -225,11 +228,8 @@ class Trace(eqx.Module):
                 f"({self.duration_s:g} s), got {rate_hz:g}."
             )
         elapsed_s = np.minimum(np.arange(steps + 1) / rate_hz, self.duration_s)
-        recorded_s = self.t_s - self.t_s[0]
-        last = np.searchsorted(recorded_s[:-1], elapsed_s, side="right") - 1
-        fraction = (elapsed_s - recorded_s[last]) / np.diff(recorded_s)[last]
-        start, end = self.world_from_head[last], self.world_from_head[last + 1]
-        poses = _slerp(start, end, fraction[:, None])
+        along = Slerp(self.t_s - self.t_s[0], self._rotations)
+        poses = along(elapsed_s).as_quat(scalar_first=True)
         t_s = self.t_s[0] + elapsed_s
         return Trace(t_s, poses, subject=self.subject, name=self.name)
 
@@ -285,15 +285,16 @@ def _check_numbers(name: str, t_s: _Times, world_from_head: _Orientations) -> No
         )
 
 
-def _slerp(start: np.ndarray, end: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Rows of quaternions at most half a turn apart, `start . end >= 0`."""
-    angle = _angles(start, end)[:, None]
-    # sin(f a) / sin(a) by ratios to their angle, which are smooth at 0.
-    ratio = lambda share: share * np.sinc(share * angle / np.pi)
-    return (ratio(1 - fraction) * start + ratio(fraction) * end) / ratio(1.0)
-
-
-def _angles(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Angles between rows of unit vectors: of quaternions, half those of the turns."""
-    chord = np.linalg.norm(end - start, axis=1)
-    return 2 * np.arctan2(chord, np.linalg.norm(end + start, axis=1))
+def shared_rate_hz(traces: Sequence[Trace], advice: str = "") -> float:
+    """Median frame rate of recordings, Hz; `ValueError` for none and mixed rates."""
+    if not traces:
+        raise ValueError("traces must name at least one recording, got none.")
+    rates = [trace.rate_hz for trace in traces]
+    median = float(np.median(rates))
+    for trace, rate in zip(traces, rates, strict=True):
+        if abs(rate / median - 1) > 0.02:
+            raise ValueError(
+                f"traces must share one rate within 2 %: {trace.name} has {rate:.2f} "
+                f"Hz, the median is {median:.2f} Hz{advice}."
+            )
+    return median

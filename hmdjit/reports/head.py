@@ -57,7 +57,7 @@ def print_fit(console: Console, fit: Fit) -> None:
         error, low, high = (number for _, _, number in others)
         name, axis = _named(name, axis)
         if not math.isfinite(error):
-            table.add_row(name, axis, f"{value:.4g}", "not told", "")
+            table.add_row(name, axis, f"{value:.4g}", "not identifiable", "")
             continue
         places = max(0, 1 - math.floor(math.log10(error))) if error else 4
         value, error, low, high = (
@@ -66,8 +66,8 @@ def print_fit(console: Console, fit: Fit) -> None:
         table.add_row(name, axis, value, error, f"[{low}, {high}]")
     console.print(table)
     console.print(
-        f"Errors and intervals are over {fit.clusters}. Not told: not fitted, or at a "
-        "bound of its search.",
+        f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
+        "or at a bound of its search.",
         highlight=False,
     )
     console.print(_order(fit), highlight=False)
