@@ -1,0 +1,47 @@
+"""One small display, picture, path and study that tests share, so that programs repeat.
+
+What is compiled depends on shapes and choices. A test that needs no size of its own
+takes these, and finds its program in the session's folder if another has compiled it.
+"""
+
+import numpy as np
+import viewing
+
+import hmdjit as hj
+from hmdjit.studies.measured_blocks import Tiles
+
+WIDTH, HEIGHT, FRAMES = 24, 18, 8
+SIZE = (HEIGHT, WIDTH, 3)
+# 917 px per rad: people who sit still move the picture by some 0.3 px per frame.
+CAMERA = hj.Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=1.5, refresh_hz=60.0)
+MARGIN_PX = 16
+WARMUP = 3
+STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
+
+
+def texture(rng, camera=CAMERA, margin_px=MARGIN_PX, **options):
+    """Smooth noise; see `viewing.noise_texture`."""
+    return viewing.noise_texture(rng, camera, margin_px, **options)
+
+
+def path(rng, frames=FRAMES, rms_px=0.4, camera=CAMERA):
+    """Poses of a head whose picture moves by about `rms_px` per frame and axis."""
+    return viewing.path(rng, camera, frames, rms_px)
+
+
+def study(**changes):
+    """Twelve sessions of two techniques on one scene, 8 px per degree."""
+    settings = {
+        "scenes": {"noise": hj.scenes.power_law_noise(size=256, texels_per_deg=8.0)},
+        "techniques": [hj.techniques.NoAntialiasing(), hj.techniques.HeadMovement()],
+        "baseline": "none",
+        "head": hj.HeadMotion.seated(),
+        "camera": hj.Camera(64, 64, fov_deg=8.0, refresh_hz=60.0),
+        "sessions": 12,
+        "frames": 4,
+        "warmup": WARMUP,
+        "measure": Tiles(2, 16),
+        "oversampling": 1,
+        "margin_deg": 4.0,
+    }
+    return hj.Study(**(settings | changes))
