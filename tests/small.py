@@ -18,6 +18,9 @@ MARGIN_PX = 16
 WARMUP = 3
 STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
 
+CAMERA_8_PX_PER_DEG = hj.Camera(64, 64, fov_deg=8.0, refresh_hz=60.0)  # a study's
+NOISE = hj.scenes.power_law_noise(size=256, texels_per_deg=8.0)
+
 
 def texture(rng, camera=CAMERA, margin_px=MARGIN_PX, **options):
     """Smooth noise; see `viewing.noise_texture`."""
@@ -30,17 +33,17 @@ def path(rng, frames=FRAMES, rms_px=0.4, camera=CAMERA):
 
 
 def study(**changes):
-    """Twelve sessions of two techniques on one scene, 8 px per degree."""
+    """Twelve sessions of two techniques on one scene."""
     settings = {
-        "scenes": {"noise": hj.scenes.power_law_noise(size=256, texels_per_deg=8.0)},
+        "scenes": {"noise": NOISE},
         "techniques": [hj.techniques.NoAntialiasing(), hj.techniques.HeadMovement()],
         "baseline": "none",
         "head": hj.HeadMotion.seated(),
-        "camera": hj.Camera(64, 64, fov_deg=8.0, refresh_hz=60.0),
+        "camera": CAMERA_8_PX_PER_DEG,
         "sessions": 12,
         "frames": 4,
         "warmup": WARMUP,
-        "measure": Tiles(2, 16),
+        "measure": Tiles(1, 16),
         "oversampling": 1,
         "margin_deg": 4.0,
     }

@@ -403,6 +403,15 @@ def test_weights_are_scaled_to_one_and_default_to_the_closeness(rng):
     np.testing.assert_allclose(at(None), once, rtol=0, atol=1e-15)
 
 
+def test_samples_that_are_all_fully_past_count_alike(rng):
+    frames = clip(rng, 4)
+    once, twice = (
+        applied(HeadMovement(closeness=closeness), frames, SLOWLY[:4])
+        for closeness in ((0.0,), (0.0, 0.0, 0.0))
+    )
+    np.testing.assert_allclose(twice, once, rtol=0, atol=1e-14)
+
+
 def test_full_inversion_alone_has_weight_1_also_in_gradients(rng):
     # The default weights d / sum d would be 0 / 0.
     past, present = (frame_of(rng.random((1, 3, 6, 8))) for _ in range(2))
