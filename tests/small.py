@@ -4,11 +4,19 @@ What is compiled depends on shapes and choices. A test that needs no size of its
 takes these, and finds its program in the session's folder if another has compiled it.
 """
 
+import functools
+
+import jax
 import numpy as np
 import viewing
 
 import hmdjit as hj
 from hmdjit.studies.measured_blocks import Tiles
+
+# Optimising a program takes longer than all the rest of a test.
+quickly = functools.partial(
+    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
+)
 
 WIDTH, HEIGHT, FRAMES = 24, 18, 8
 SIZE = (HEIGHT, WIDTH, 3)

@@ -13,7 +13,7 @@ import pytest
 import viewing
 from jax.extend.core import ClosedJaxpr, Jaxpr
 from jax.flatten_util import ravel_pytree
-from small import STILL, path
+from small import STILL, path, quickly
 
 import hmdjit as hj
 from hmdjit.frames.displacement import GATHER
@@ -24,11 +24,6 @@ CAMERA = hj.Camera(width_px=10, height_px=8, fov_deg=0.7, refresh_hz=60.0)
 FRAMES = 3
 START = (0.3, 1.0)
 BATCH = 5
-
-# Optimising a program takes longer than all the rest of a test.
-quickly = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
-)
 
 
 # --- the fast path and gathers ---

@@ -10,7 +10,7 @@ import oracles
 import pytest
 import small
 from scipy.spatial.transform import Rotation
-from small import CAMERA, FRAMES, HEIGHT, STILL, WARMUP, WIDTH, path
+from small import CAMERA, FRAMES, HEIGHT, STILL, WARMUP, WIDTH, path, quickly
 
 import hmdjit as hj
 from hmdjit import rendering
@@ -21,11 +21,6 @@ from hmdjit.simulation import session
 from hmdjit.simulation.halo import HALO_TOLERANCE, required_halo_px
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
-
-# Optimising a program takes longer than all the rest of a test.
-quickly = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
-)
 
 
 @jax.jit

@@ -1,23 +1,17 @@
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import oracles
 import pytest
-from small import FRAMES, HEIGHT, SIZE, STILL, WIDTH
+from small import FRAMES, HEIGHT, SIZE, STILL, WIDTH, quickly
 
 import hmdjit as hj
 from hmdjit import curves, techniques
 from hmdjit.frames.displacement import Reading
 from hmdjit.frames.sources import History
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
-
-# Optimising a program takes longer than all the rest of a test.
-quickly = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
-)
 
 HZ = 60.0
 # 21 px per rad: what a head turns by in a frame moves the picture by parts of a pixel.
