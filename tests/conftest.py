@@ -1,5 +1,7 @@
 import functools
 import os
+import shutil
+import tempfile
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +17,31 @@ jax.config.update("jax_debug_key_reuse", True)
 settings.register_profile("hmdjit", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("hmdjit")
 
+CACHE = "JAX_COMPILATION_CACHE_DIR"
+CACHED = {  # by environment, for workers and for the commands that tests run
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": 0.05,
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": -1,
+}
+
+
+def pytest_configure(config):
+    """Keep compiled programs in one folder for all processes of a test session."""
+    if CACHE not in os.environ:
+        os.environ[CACHE] = folder = tempfile.mkdtemp(prefix="hmdjit-programs-")
+        config.add_cleanup(functools.partial(shutil.rmtree, folder, ignore_errors=True))
+        config.add_cleanup(functools.partial(os.environ.pop, CACHE))
+    jax.config.update(CACHE.lower(), os.environ[CACHE])
+    for name, usual in CACHED.items():
+        value = type(usual)(os.environ.setdefault(name, str(usual)))
+        jax.config.update(name.lower(), value)
+
 
 @pytest.fixture(autouse=True, scope="module")
 def _forget_programs():
-    """Free what a module compiled: a process may map only 65,530 pieces of memory."""
+    """Free what a module compiled: a process may map only 65,530 pieces of memory.
+
+    Programs that the next module shares are read from the session's folder.
+    """
     yield
     jax.clear_caches()
 

@@ -1,16 +1,11 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import viewing
+from small import CAMERA, FRAMES, SIZE, STILL, path
 
 import hmdjit as hj
 from hmdjit.simulation import apply as clips
 from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
-
-FRAMES = 8
-WIDTH, HEIGHT = 24, 18
-CAMERA = hj.Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=1.5, refresh_hz=60.0)
-STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +60,7 @@ def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, me
 
 
 def test_frames_of_whole_numbers_are_refused(untyped):
-    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    frames = np.zeros((FRAMES, *SIZE), np.uint8)
     with pytest.raises(
         ValueError, match=r"^frames must be floats in \[0, 1\], got uint8"
     ):
@@ -74,7 +69,7 @@ def test_frames_of_whole_numbers_are_refused(untyped):
 
 @pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])
 def test_a_mask_that_does_not_fit_is_refused(untyped, shape):
-    frames = np.zeros((FRAMES, HEIGHT, WIDTH, 3))
+    frames = np.zeros((FRAMES, *SIZE))
     mask = np.ones(shape, bool)
     message = r"^static_mask must have the shape \(8, 18, 24\), got \("
     with pytest.raises(ValueError, match=message):
@@ -83,8 +78,8 @@ def test_a_mask_that_does_not_fit_is_refused(untyped, shape):
 
 @pytest.mark.parametrize("technique", [HeadMovement(), Freeze()], ids=lambda t: t.id)
 def test_a_stream_shows_what_a_clip_shows(rng, technique):
-    frames = rng.random((FRAMES, HEIGHT, WIDTH, 3)).astype(np.float32)
-    poses = viewing.path(rng, CAMERA, FRAMES, 0.4)
+    frames = rng.random((FRAMES, *SIZE)).astype(np.float32)
+    poses = path(rng)
     expected = hj.apply(technique, CAMERA, jnp.asarray(frames), poses)
     ours = list(clips.stream(technique, CAMERA, iter(frames), poses))
     assert len(ours) == FRAMES

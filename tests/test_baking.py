@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 from scipy.spatial.transform import Rotation
+from small import quickly
 
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
@@ -55,7 +56,7 @@ def color_of(scene, camera, direction):
     return scene.color(camera, direction)
 
 
-jacobian_of = jax.jit(jax.jacfwd(color_of, argnums=2))
+jacobian_of = quickly(jax.jacfwd(color_of, argnums=2))
 
 
 def seen(scene, camera, x_px, y_px, rotation=(0.0, 0.0, 0.0)):

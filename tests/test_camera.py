@@ -11,6 +11,7 @@ import oracles
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from small import quickly
 from strategies import rotation_vectors
 
 from hmdjit import camera as pinhole
@@ -73,7 +74,7 @@ def test_one_compilation_serves_every_camera_of_a_shape_and_every_tile():
     def bound(camera, region, rotation):
         return camera_bounds.displacement_bound(camera, region, rotation)
 
-    compiled = jax.jit(bound)
+    compiled = quickly(bound)
     for fov_deg, x0 in [(90.0, 0), (100.0, 7)]:
         camera = Camera(width_px=32, height_px=16, fov_deg=fov_deg)
         compiled(camera, Region(x0, 3, 8, 8), jnp.zeros(3))
@@ -270,8 +271,8 @@ def largest_displacement(camera, region, rotation):
     return jnp.where(in_front.all(), largest, jnp.inf)
 
 
-BOUND = jax.jit(camera_bounds.displacement_bound)
-LARGEST = jax.jit(largest_displacement)
+BOUND = quickly(camera_bounds.displacement_bound)
+LARGEST = quickly(largest_displacement)
 
 
 @given(
@@ -319,7 +320,7 @@ def along_a_line(rotation):
     return jnp.stack(displacement(WIDE, rotation, x, jnp.full(7, 70.0))[:2])
 
 
-line_jacobian = jax.jit(jax.jacfwd(along_a_line))
+line_jacobian = quickly(jax.jacfwd(along_a_line))
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-10, 1e-3, 0.3])

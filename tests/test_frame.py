@@ -1,5 +1,3 @@
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from small import quickly
 from strategies import rotation_vectors
 
 from hmdjit.camera import Camera, Region
@@ -31,10 +30,6 @@ WHOLE = Region.whole(CAMERA)
 TILE = Region(5, 2, 4, 3)
 TURN = np.array([0.05, -0.08, 0.11])  # moves pixels by up to 1.5 px
 
-# Optimising a program takes longer than all the rest of a test.
-quickly = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
-)
 read = quickly(lambda source, displacement: source.at(displacement))
 span = quickly(lambda displacement: displacement.span())
 px = quickly(lambda displacement: displacement.px())
@@ -308,15 +303,15 @@ def test_vmap_over_rotations_is_a_loop(rng):
     history, _ = sources(rng)
     batch = jax.vmap(lambda r: history.at(Displacement(CAMERA, WHOLE, r)))
     one_by_one = [read(history, displaced(turn)) for turn in turns]
-    np.testing.assert_allclose(jax.jit(batch)(turns), one_by_one, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(quickly(batch)(turns), one_by_one, rtol=0, atol=1e-13)
 
 
 def weighted_sum(rotation, source, weight):
     return (weight * source.at(Displacement(CAMERA, WHOLE, rotation))).sum()
 
 
-value = jax.jit(weighted_sum)
-gradient = jax.jit(jax.grad(weighted_sum))
+value = quickly(weighted_sum)
+gradient = quickly(jax.grad(weighted_sum))
 
 
 def test_gradient_in_the_rotation_agrees_with_differences(rng):

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import oracles
 import pytest
+from small import quickly
 
 from hmdjit import rendering, scenes
 from hmdjit.camera import Camera, Region
@@ -61,7 +62,7 @@ def centres(region):
     return region.x0 + x + 0.5, region.y0 + y + 0.5
 
 
-@jax.jit
+@quickly
 def resolved(technique, texture, region, offset):
     samples = technique.sample_offsets_px[0]
     by_reference = technique.reads_supersampled
@@ -92,7 +93,7 @@ def noise(rng, ramp):
 @pytest.mark.parametrize("region", [WHOLE, TILE], ids=["whole", "tile"])
 def test_a_sample_is_the_texture_where_its_turned_ray_meets_it(noise, region):
     samples = np.array([[0.25, -0.25], [0.0, 0.0], [-0.5, 0.4]])
-    render = jax.jit(
+    render = quickly(
         lambda offset: rendering.render(noise, CAMERA, region, offset, samples)
     )
     frame = render(jnp.asarray(TURN))
@@ -157,7 +158,7 @@ def test_a_tile_is_the_same_block_of_the_whole_frame(noise, technique):
 def test_a_frame_holds_colour_and_nothing_else(noise):
     samples = SSAA(2).sample_offsets_px[0]
 
-    @jax.jit
+    @quickly
     def render(offset):
         frame, reference = (
             rendering.render(noise, CAMERA, WHOLE, offset, samples, supersampled=flag)
@@ -176,7 +177,7 @@ def test_a_frame_holds_colour_and_nothing_else(noise):
 def test_samples_may_change_from_frame_to_frame(noise):
     # Traced, not constants of the program.
     offset = jnp.asarray(TURN)
-    render = jax.jit(
+    render = quickly(
         lambda samples: rendering.render(noise, CAMERA, WHOLE, offset, samples).color
     )
     expected = shown(NoAntialiasing(), noise, TURN)

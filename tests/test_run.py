@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small
 import xarray
 
 import hmdjit as hj
@@ -19,27 +20,14 @@ from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
 from hmdjit.studies.store import fingerprint
 
-CAMERA = hj.Camera(64, 64, fov_deg=8.0)  # 8 px/deg, as a headset's centre
+CAMERA = small.CAMERA_8_PX_PER_DEG
 IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
+BOARD = {"board": hj.scenes.checkerboard(square_deg=1.0)}
 
 
 def _study(**changes):
-    settings = {
-        "scenes": {
-            "noise": hj.scenes.power_law_noise(),
-            "board": hj.scenes.checkerboard(square_deg=1.0),
-        },
-        "techniques": [hj.techniques.by_id(id) for id in ("none", "head_movement")],
-        "baseline": "none",
-        "head": hj.HeadMotion.seated(),
-        "camera": CAMERA,
-        "sessions": 12,
-        "frames": 4,
-        "warmup": 3,
-        "measure": Tiles(2, 16),
-        "margin_deg": 4.0,
-    }
-    return hj.Study(**(settings | changes))
+    """On two scenes."""
+    return small.study(**({"scenes": {"noise": small.NOISE} | BOARD} | changes))
 
 
 @pytest.fixture(scope="module")
@@ -239,9 +227,7 @@ def _replay_with_a_turn():
     still[30:35, 1] = np.radians(np.linspace(1, 8, 5))
     poses = np.asarray(jax.vmap(hj.quaternion.exp)(jnp.asarray(still)))
     trace = hj.Trace(np.arange(70) / 60, poses)
-    one = {"board": hj.scenes.checkerboard(square_deg=1.0)}
-    none = (hj.techniques.by_id("none"),)
-    return _study(head=hj.Replay([trace]), scenes=one, techniques=none, sessions=10)
+    return _plain(head=hj.Replay([trace]), scenes=BOARD, sessions=10)
 
 
 def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
@@ -249,7 +235,7 @@ def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
     with pytest.raises(FailedSessionsError, match=r"at most 1% may") as stop:
         study.run(seed=0)
     assert "kept" not in str(stop.value)
-    monkeypatch.setattr(measuring, "MOST_FAILED", 0.1)
+    monkeypatch.setattr("hmdjit.studies.failures.MOST_FAILED", 0.1)
     with pytest.raises(FailedSessionsError) as stop:
         study.run(seed=0, out=tmp_path)
     found = re.fullmatch(
@@ -278,7 +264,7 @@ def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
 
 
 def test_a_choice_leaves_out_no_more_than_may_fail(monkeypatch):
-    monkeypatch.setattr(measuring, "MOST_FAILED", 0.09)
+    monkeypatch.setattr("hmdjit.studies.failures.MOST_FAILED", 0.09)
     with pytest.raises(FailedSessionsError, match=r"at most 9% may, with omit_fail"):
         _replay_with_a_turn().run(seed=0, omit_failed=True)
 

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from heads import models
 
 import hmdjit as hj
 from hmdjit.cli import definition
+from hmdjit.cli import main as cli
 from hmdjit.estimates.cells import Cell
 from hmdjit.estimates.summary import summarize
 from hmdjit.studies import run as monte_carlo
@@ -68,10 +70,25 @@ def test_every_interval_is_within_the_tolerance(precise):
     assert rows["freeze", "noise"].mean == rows["freeze", "noise"].high == 0
 
 
-def test_one_technique_alone_is_known_within_the_tolerance():
-    plain = (NoAntialiasing(),)
-    row = rows_of(study(techniques=plain).run(3, tolerance=0.1))["none", "noise"]
-    assert 0 < row.high - row.low <= 2 * 0.1 * row.mean
+def test_a_tolerance_is_kept_from_the_command_line_on(tmp_path, capsys):
+    assert not cli.run(
+        [
+            *("study", "--tolerance", "0.2", "--seed", "3", "--out", str(tmp_path)),
+            *("--scenes", "noise", "--techniques", "none", "head_movement"),
+            *("--width", "64", "--height", "64", "--fov", "8"),
+            *("--frames", "4", "--warmup", "3", "--tiles", "1", "--tile-size", "16"),
+            *("--oversampling", "1", "--margin", "4"),
+        ]
+    )
+    assert "noise: " in capsys.readouterr().out  # the plan
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as dataset:
+        assert dataset.attrs["tolerance"] == 0.2
+        rows = rows_of(dataset)
+    for technique in ("none", "head_movement"):
+        row = rows[technique, "noise"]
+        assert 0 < row.high - row.low <= 2 * 0.2 * row.mean
+        assert row.ratio_high - row.ratio_low <= 2 * 0.2 * row.ratio
+    assert 0 < rows["head_movement", "noise"].ratio < 1
 
 
 @pytest.mark.slow
@@ -264,7 +281,7 @@ def test_no_times_are_refused(text):
         definition.seconds(text)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("tolerance", [0.05, 0.02])
 def test_intervals_cover(tolerance, capsys):
     """Of 200 replications at least 180 cover, means and ratios.

@@ -15,7 +15,7 @@ import sys
 import jax
 jax.config.update("jax_num_cpu_devices", int(sys.argv[1]))
 import hmdjit as hj
-from hmdjit.studies.tiles import Tiles
+from hmdjit.studies.measured_blocks import Tiles
 study = hj.Study(
     scenes={"noise": hj.scenes.power_law_noise()},
     techniques=(hj.techniques.NoAntialiasing(), hj.techniques.HeadMovement()),

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import oracles
 import pytest
-import viewing
-from jax.flatten_util import ravel_pytree
+import small
 from scipy.spatial.transform import Rotation
+from small import CAMERA, FRAMES, HEIGHT, STILL, WARMUP, WIDTH, path, quickly
 
 import hmdjit as hj
 from hmdjit import rendering
@@ -21,37 +21,6 @@ from hmdjit.simulation import session
 from hmdjit.simulation.halo import HALO_TOLERANCE, required_halo_px
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.techniques.base import AbstractTechnique
-
-FRAMES = 8
-WIDTH, HEIGHT = 24, 18
-# 917 px per rad: people who sit still move the picture by some 0.3 px per frame.
-CAMERA = hj.Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=1.5, refresh_hz=60.0)
-MARGIN_PX = 16
-STILL = np.tile([1.0, 0.0, 0.0, 0.0], (FRAMES, 1))
-
-EVERY = [
-    NoAntialiasing(),
-    Freeze(),
-    MSAA(4),
-    SSAA(2),
-    SSAA(4),
-    HeadMovement(),
-    HeadMovement(resolve=SSAA(2)),
-    HeadMovement(closeness=(0.3, 0.6, 0.9), difference="max_channel", space="linear"),
-    HeadMovement(difference="same_pixel"),
-]
-names = [
-    *["none", "freeze", "msaa4", "ssaa2", "ssaa4", "head_movement"],
-    *["head_movement+ssaa2", "several-linear", "same-pixel"],
-]
-
-
-def texture_of(rng, camera=CAMERA, margin_px=MARGIN_PX, **options):
-    return viewing.noise_texture(rng, camera, margin_px, **options)
-
-
-def path(rng, frames=FRAMES, rms_px=0.4, camera=CAMERA):
-    return viewing.path(rng, camera, frames, rms_px)
 
 
 @jax.jit
@@ -84,12 +53,12 @@ def simulated(technique, texture, poses, **options):
     [
         pytest.param(SSAA(2), 3, marks=pytest.mark.slow),
         pytest.param(HeadMovement(w_min=0.2), 0, marks=pytest.mark.slow),
-        (HeadMovement(w_min=0.2), 3),
+        (HeadMovement(w_min=0.2), WARMUP),
     ],
     ids=["ssaa2, warm", "head_movement", "head_movement, warm"],
 )
 def test_a_session_measures_what_apply_displays(rng, technique, warmup):
-    texture, poses = texture_of(rng), path(rng)
+    texture, poses = small.texture(rng), path(rng)
     samples = jnp.asarray(technique.sample_offsets_px[0])
     frames, references = rendered(texture, offsets_of(poses), samples)
     shown = np.asarray(hj.apply(technique, CAMERA, frames, poses))
@@ -132,7 +101,7 @@ def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng
     technique = Counting(jnp.asarray(levels))
     grey = np.repeat(levels[:, None], 3, axis=1)[:, None, None]
     for warmup in (0, FRAMES - 3):
-        ours = simulated(technique, texture_of(rng), path(rng), warmup=warmup)
+        ours = simulated(technique, small.texture(rng), path(rng), warmup=warmup)
         expected = oracles.mtcd(grey[warmup:])
         np.testing.assert_allclose(ours.mtcd, expected, rtol=1e-12)
 
@@ -140,29 +109,25 @@ def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng
 @pytest.mark.slow
 def test_one_compilation_serves_all_numbers(rng):
     # Camera, poses, texture, region and the technique's numbers are leaves.
-    simulated(Counting(jnp.asarray(rng.random(FRAMES))), texture_of(rng), path(rng))
+    simulated(Counting(jnp.asarray(rng.random(FRAMES))), small.texture(rng), path(rng))
     traces = len(TRACED)
     assert traces >= 1
     technique = Counting(jnp.asarray(rng.random(FRAMES)))
     camera = hj.Camera(WIDTH, HEIGHT, fov_deg=2.0, refresh_hz=90.0)
     poses = jnp.asarray(path(rng))
     whole = hj.Region(0, 0, WIDTH, HEIGHT)
-    hj.simulate(texture_of(rng), camera, technique, poses)
-    hj.simulate(texture_of(rng), camera, technique, poses, region=whole)
+    hj.simulate(small.texture(rng), camera, technique, poses)
+    hj.simulate(small.texture(rng), camera, technique, poses, region=whole)
     assert len(TRACED) == traces
 
 
 def test_one_compilation_serves_all_numbers_of_head_movement(rng):
-    texture, poses = texture_of(rng), jnp.asarray(path(rng))
-    region = hj.Region.whole(CAMERA)
+    texture, poses = small.texture(rng), jnp.asarray(path(rng))
 
-    @jax.jit
+    @quickly
     @eqx.debug.assert_max_traces(max_traces=1)
     def mtcd(technique):
-        motion = hj.Motion.of(poses)
-        return session.session(
-            texture, CAMERA, technique, motion, region, region, warmup=0
-        ).mtcd
+        return hj.simulate(texture, CAMERA, technique, poses, reading=GATHER).mtcd
 
     values = [
         mtcd(HeadMovement(w_min=w_min, h_max_deg_s=h_max, closeness=(d,)))
@@ -172,7 +137,7 @@ def test_one_compilation_serves_all_numbers_of_head_movement(rng):
 
 
 def test_a_technique_is_handed_colour_and_nothing_else(rng):
-    simulated(Counting(jnp.zeros(FRAMES)), texture_of(rng), path(rng))
+    simulated(Counting(jnp.zeros(FRAMES)), small.texture(rng), path(rng))
     for frame in TRACED:
         assert frame.color.shape == (1, 3, HEIGHT, WIDTH)
         assert frame.static_mask is None
@@ -201,7 +166,7 @@ def program(technique, texture):
 
 
 def test_a_program_holds_only_what_its_technique_needs(rng):
-    texture = texture_of(rng)
+    texture = small.texture(rng)
     displayed, history = (3, HEIGHT, WIDTH), (1, 1, 3, HEIGHT, WIDTH)
     sums = (2, 2)  # and what rounding took from them
     # Spatial techniques carry the displayed picture, for MTCD, and no history; how the
@@ -216,7 +181,7 @@ def test_a_program_holds_only_what_its_technique_needs(rng):
 
 @pytest.mark.slow
 def test_what_does_not_remember_does_not_run_its_warm_up(rng):
-    texture, poses = texture_of(rng), path(rng)
+    texture, poses = small.texture(rng), path(rng)
     others = poses.copy()
     others[1:3] = path(rng)[1:3]  # the first pose stays: the hold pose
     for technique, is_same in [(NoAntialiasing(), True), (HeadMovement(), False)]:
@@ -229,7 +194,7 @@ def test_what_does_not_remember_does_not_run_its_warm_up(rng):
 
 @pytest.mark.slow
 def test_on_a_picture_multisampling_changes_nothing(rng):
-    texture, poses = texture_of(rng, dtype=jnp.float32), path(rng).astype(np.float32)
+    texture, poses = small.texture(rng, dtype=jnp.float32), path(rng).astype(np.float32)
     for plain, multisampled in [
         (NoAntialiasing(), MSAA(4)),
         (HeadMovement(), HeadMovement(resolve=MSAA(8))),
@@ -241,7 +206,7 @@ def test_on_a_picture_multisampling_changes_nothing(rng):
 
 @pytest.mark.slow
 def test_a_frozen_picture_does_not_flicker_and_the_reference_loses_nothing(rng):
-    texture, poses = texture_of(rng, dtype=jnp.float32), path(rng).astype(np.float32)
+    texture, poses = small.texture(rng, dtype=jnp.float32), path(rng).astype(np.float32)
     frozen = simulated(Freeze(), texture, poses)
     assert frozen.mtcd == 0
     assert frozen.detail_loss > 0
@@ -252,7 +217,7 @@ def test_a_frozen_picture_does_not_flicker_and_the_reference_loses_nothing(rng):
 
 @pytest.mark.slow
 def test_a_fast_head_sees_no_antialiasing(rng):
-    texture, poses = texture_of(rng), path(rng)
+    texture, poses = small.texture(rng), path(rng)
     kim = HeadMovement(h_max_deg_s=0.05)  # the head turns by some 3 deg/s
     ours, expected = (simulated(t, texture, poses) for t in (kim, NoAntialiasing()))
     # Two programs may sum in another order.
@@ -262,11 +227,11 @@ def test_a_fast_head_sees_no_antialiasing(rng):
 
 @pytest.mark.slow
 def test_float32_agrees_with_float64(rng):
-    texture, poses = texture_of(rng), path(rng)
+    texture, poses = small.texture(rng), path(rng)
     exact = simulated(HeadMovement(), texture, poses)
-    small = jax.tree.map(lambda x: x.astype(jnp.float32), texture)
+    narrow = jax.tree.map(lambda x: x.astype(jnp.float32), texture)
     # NumPy poses, float64 or not, are simulated in float32.
-    ours = hj.simulate(small, CAMERA, HeadMovement(), poses)
+    ours = hj.simulate(narrow, CAMERA, HeadMovement(), poses)
     assert ours.mtcd.dtype == jnp.float32
     # Displacements of 1 px err by 1e-6 px, colours by 1e-6 of code values of some 10.
     np.testing.assert_allclose(ours.mtcd, exact.mtcd, rtol=1e-5)
@@ -275,11 +240,13 @@ def test_float32_agrees_with_float64(rng):
 
 def test_the_world_has_no_direction(rng):
     # Turned as a whole, a path is the same session.
-    texture, poses = texture_of(rng), path(rng)
+    texture, poses = small.texture(rng), path(rng)
     rotations = Rotation.random(rng=rng) * Rotation.from_quat(poses, scalar_first=True)
     turned = rotations.as_quat(scalar_first=True)
     turned[2] *= -1  # the same rotation
-    ours, expected = (simulated(HeadMovement(), texture, p) for p in (turned, poses))
+    ours, expected = (
+        simulated(HeadMovement(), texture, p, warmup=WARMUP) for p in (turned, poses)
+    )
     np.testing.assert_allclose(ours.mtcd, expected.mtcd, rtol=1e-11)
 
 
@@ -347,7 +314,7 @@ def test_nothing_beyond_the_halo_reaches_the_block(rng, halo):
 
 @pytest.mark.slow
 def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
-    texture, poses = texture_of(rng, WIDE, 24, blur_px=0.6), jnp.asarray(drift())
+    texture, poses = small.texture(rng, WIDE, 24, blur_px=0.6), jnp.asarray(drift())
     whole = hj.Region.whole(WIDE)
     side = 16 + 2 * halo
     tile = hj.Region(BLOCK.x0 - halo, BLOCK.y0 - halo, side, side)
@@ -375,7 +342,7 @@ def test_a_tile_measures_the_same_as_its_block_of_the_whole_frame(rng, halo):
 
 @pytest.mark.slow
 def test_a_region_may_be_simulated_alone(rng):
-    texture, poses = texture_of(rng), jnp.asarray(path(rng))
+    texture, poses = small.texture(rng), jnp.asarray(path(rng))
     part = hj.Region(4, 6, 8, 8)
     ours = hj.simulate(texture, CAMERA, NoAntialiasing(), poses, region=part)
     frames, _ = rendered(texture, offsets_of(poses), jnp.zeros((1, 2)))
@@ -387,7 +354,7 @@ def test_a_region_may_be_simulated_alone(rng):
 
 
 def test_a_head_that_leaves_the_margin_is_refused(rng):
-    texture = texture_of(rng)
+    texture = small.texture(rng)
     turns = np.tile([0.0, 3.0 / float(CAMERA.focal_px), 0.0], (FRAMES - 1, 1))
     poses = oracles.poses_after(turns)
     message = (
@@ -409,7 +376,7 @@ def test_a_head_that_leaves_the_margin_is_refused(rng):
 
 def test_numbers_out_of_range_inside_compiled_code_are_nan(rng):
     camera = hj.Camera(4, 3, 1.5, 60.0)
-    texture = texture_of(rng, camera, 4)
+    texture = small.texture(rng, camera, 4)
     still = jnp.asarray(STILL[:2])
     good = (60.0, 25.0, 1.0, 2.0, (0.2, 0.3, 0.5))
 
@@ -424,8 +391,7 @@ def test_numbers_out_of_range_inside_compiled_code_are_nan(rng):
         seen_by = dataclasses.replace(camera, refresh_hz=refresh_hz)
         return hj.simulate(texture, seen_by, technique, still, reading=GATHER).mtcd
 
-    quickly = {"xla_backend_optimization_level": 0}
-    compiled = jax.jit(flicker, compiler_options=quickly)
+    compiled = quickly(flicker)
     assert jnp.isfinite(compiled(*good))
     bad = (np.inf, np.inf, np.inf, 0.4, (0.2, -0.3, 0.5))
     for n, number in enumerate(bad):
@@ -435,23 +401,16 @@ def test_numbers_out_of_range_inside_compiled_code_are_nan(rng):
 
 
 def test_a_long_sum_keeps_what_rounding_takes_from_it():
-    terms = np.full(100_000, 0.1, np.float32)
-
-    @jax.jit
-    def summed(terms):
-        def advance(carry, term):
-            kept, plain = carry
-            return (session._compensated(kept, term[None]), plain + term), None
-
-        start = jnp.zeros((2, 1), terms.dtype), jnp.zeros((), terms.dtype)
-        (kept, plain), _ = jax.lax.scan(advance, start, terms)
-        return kept[0, 0], plain
-
-    kept, plain = summed(jnp.asarray(terms))
-    exact = np.sum(terms, dtype=np.float64)
-    # Rounded once; of equal terms a plain sum loses the same over and over.
-    assert abs(float(kept) / exact - 1) < 1.2e-7
-    assert abs(float(plain) / exact - 1) > 1e-5
+    camera, frames = hj.Camera(4, 3, 1.5, 60.0), 10_000
+    levels = jnp.tile(jnp.asarray([0.0, 0.1], jnp.float32), frames // 2)
+    texture = small.texture(np.random.default_rng(1), camera, 4, dtype=jnp.float32)
+    still = np.tile(STILL[:1], (frames, 1))
+    ours = hj.simulate(texture, camera, Counting(levels), still, reading=GATHER).mtcd
+    # Rounded a few times; of equal terms a plain sum loses the same over and over.
+    exact = 3**0.5 * 0.1
+    assert float(ours) == pytest.approx(255 * exact, rel=4e-7)
+    plain = np.cumsum(np.full(frames, exact, np.float32))[-1]
+    assert plain != pytest.approx(frames * exact, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -471,14 +430,16 @@ def test_a_long_sum_keeps_what_rounding_takes_from_it():
     ],
 )
 def test_what_is_no_session_is_refused(rng, untyped, poses, warmup, message):
-    texture = texture_of(rng)
+    texture = small.texture(rng)
     with pytest.raises(ValueError, match=message):
         hj.simulate(texture, CAMERA, NoAntialiasing(), poses, warmup=warmup)
 
 
 def test_whole_numbers_are_fine_as_poses(rng, untyped):
     # JAX's made the motion whole numbers too, which have no eps.
-    measured = functools.partial(hj.simulate, texture_of(rng), CAMERA, NoAntialiasing())
+    measured = functools.partial(
+        hj.simulate, small.texture(rng), CAMERA, NoAntialiasing()
+    )
     still = jnp.asarray(STILL, jnp.float32)
     whole = jax.eval_shape(measured, still.astype(int))
     assert whole == jax.eval_shape(measured, still)
@@ -487,156 +448,4 @@ def test_whole_numbers_are_fine_as_poses(rng, untyped):
 def test_a_texture_of_another_camera_is_refused(rng):
     other = hj.Camera(CAMERA.width_px + 8, CAMERA.height_px, CAMERA.fov_deg, 60.0)
     with pytest.raises(ValueError, match="scene must be a texture baked for this"):
-        hj.simulate(texture_of(rng), other, HeadMovement(), path(rng))
-
-
-# --- derivatives ---
-
-# People who sit still move this camera's picture by some 0.2 px per frame.
-SMALL = hj.Camera(width_px=10, height_px=8, fov_deg=0.7, refresh_hz=60.0)
-
-
-def parameters(person="seated"):
-    """Kim's numbers and the head's, float64; all as one vector, and back."""
-    head = hj.HeadMotion(
-        speed_rms_deg_s=(1.12, 0.91, 0.93),
-        correlation_time_s=(0.10, 0.124, 0.029),
-        tracker_noise_deg=(0.0037, 0.0036, 0.0034),
-    )
-    if person == "a statue":
-        still = ((0.0,) * 3,) * 2
-        head = eqx.tree_at(
-            lambda h: (h.speed_rms_deg_s, h.tracker_noise_deg), head, still
-        )
-    kim = HeadMovement(w_min=0.35, w_lb=0.15, h_max_deg_s=12.0, closeness=(0.6,))
-    return ravel_pytree(jax.tree.map(lambda x: jnp.asarray(x, float), (kim, head)))
-
-
-@pytest.fixture(scope="module")
-def measured():
-    """MTCD and detail loss of a session as a function of 15 parameters."""
-    texture = texture_of(np.random.default_rng(8), SMALL, 12)
-    _, unravel = parameters()
-
-    def measured(vector):
-        kim, head = unravel(vector)
-        poses = head.sample(jax.random.key(4), 60.0, 6)
-        result = hj.simulate(texture, SMALL, kim, poses, warmup=1)
-        return jnp.stack([result.mtcd, result.detail_loss])
-
-    return measured
-
-
-@pytest.fixture(scope="module")
-def pulled(measured):
-    """Values, and their derivative weighted by a row, in one program."""
-
-    # Optimising the program takes longer than all the rest of the test.
-    @functools.partial(
-        jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
-    )
-    def pulled(vector, row):
-        values, pull = jax.vjp(measured, vector)
-        return values, pull(row)[0]
-
-    return pulled
-
-
-@pytest.mark.slow
-def test_gradients_agree_with_central_differences(pulled):
-    start = np.asarray(parameters()[0])
-    rows = jnp.eye(2)
-    jacobian = [pulled(jnp.asarray(start), row)[1] for row in rows]
-    # By relative changes of the parameters, whose sizes differ by 10,000.
-    relative = lambda x: pulled(jnp.asarray(x * start), rows[0])[0]
-    # Bilinear reads are smooth but where a source crosses a pixel's centre. A relative
-    # change of 1e-6 moves sources by 1e-6 px: of some 1,000 reads none crosses. Values
-    # round to a few 1e-15 of themselves, differences to as many 1e-9.
-    expected = oracles.jacobian(relative, np.ones(len(start)), step=1e-6)
-    assert len(start) == 15
-    assert (expected != 0).all()  # every parameter moves both
-    ours = np.stack(jacobian) * start
-    for row, differences, value in zip(ours, expected, relative(1.0), strict=True):
-        np.testing.assert_allclose(row, differences, rtol=1e-5, atol=4e-9 * value)
-
-
-def test_a_statue_sees_no_flicker_and_no_gradient_of_it(pulled):
-    start, _ = parameters("a statue")
-    (mtcd, loss), of_mtcd = pulled(start, jnp.array([1.0, 0.0]))
-    assert mtcd == 0
-    assert loss > 0
-    np.testing.assert_array_equal(of_mtcd, np.zeros(len(start)))
-    _, of_loss = pulled(start, jnp.array([0.0, 1.0]))
-    assert jnp.isfinite(of_loss).all()
-
-
-@pytest.mark.slow
-def test_forward_and_reverse_gradients_agree(measured, pulled):
-    start, _ = parameters()
-    reverse = [pulled(start, row)[1] for row in jnp.eye(2)]
-    forward = jax.jit(jax.jacfwd(measured))(start)
-    np.testing.assert_allclose(forward, reverse, rtol=1e-9, atol=1e-10)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("technique", EVERY, ids=names)
-def test_at_rest_mtcd_and_its_gradient_are_exactly_0(rng, technique):
-    texture = texture_of(rng, SMALL, 4)
-    numbers = jax.tree.map(lambda x: jnp.asarray(x, float), technique)
-
-    @jax.jit
-    @jax.jacrev
-    def jacobian(numbers_and_poses):
-        numbers, poses = numbers_and_poses
-        result = hj.simulate(texture, SMALL, numbers, poses)
-        return jnp.stack([result.mtcd, result.detail_loss])
-
-    poses = jnp.asarray(STILL[:4])
-    assert hj.simulate(texture, SMALL, technique, poses).mtcd == 0
-    for of_leaf in jax.tree.leaves(jacobian((numbers, poses))):
-        np.testing.assert_array_equal(of_leaf[0], jnp.zeros_like(of_leaf[0]))
-        assert jnp.isfinite(of_leaf[1]).all()
-
-
-@pytest.mark.slow
-def test_batches_and_gradients_commute(rng):
-    texture = texture_of(rng, SMALL, 6)
-    paths = jnp.stack([jnp.asarray(path(rng, 4, camera=SMALL)) for _ in range(3)])
-    kim = jax.tree.map(lambda x: jnp.asarray(x, float), HeadMovement())
-    mtcd = lambda kim, poses: hj.simulate(texture, SMALL, kim, poses).mtcd
-    gradient = jax.grad(mtcd, argnums=(0, 1))
-    one_by_one = [jax.jit(gradient)(kim, poses) for poses in paths]
-    batch = jax.jit(jax.vmap(gradient, (None, 0)))(kim, paths)
-    total = lambda kim, paths: jax.vmap(mtcd, (None, 0))(kim, paths).sum()
-    of_numbers, of_paths = jax.jit(jax.grad(total, argnums=(0, 1)))(kim, paths)
-    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *one_by_one)
-    jax.tree.map(close, batch, stacked)
-    jax.tree.map(lambda a, b: close(a.sum(0), b), batch[0], of_numbers)
-    close(batch[1], of_paths)
-
-
-@pytest.mark.slow
-def test_gradients_reach_the_camera_too(rng):
-    texture, poses = texture_of(rng), path(rng)
-
-    def flicker(refresh_hz):
-        camera = hj.Camera(
-            CAMERA.width_px, CAMERA.height_px, CAMERA.fov_deg, refresh_hz
-        )
-        return hj.simulate(texture, camera, HeadMovement(), poses).mtcd
-
-    def wider(fov_deg):
-        camera = hj.Camera(CAMERA.width_px, CAMERA.height_px, fov_deg, 60.0)
-        return hj.simulate(texture, camera, HeadMovement(), poses).mtcd
-
-    assert np.isfinite(jax.grad(flicker)(60.0))
-    assert np.isfinite(jax.grad(wider)(float(CAMERA.fov_deg)))
-
-
-@pytest.mark.slow
-def test_samples_that_are_all_fully_past_count_alike(rng):
-    texture, poses = texture_of(rng), path(rng)
-    twice = hj.simulate(texture, CAMERA, HeadMovement(closeness=(0.0, 0.0)), poses)
-    once = hj.simulate(texture, CAMERA, HeadMovement(closeness=(0.0,)), poses)
-    np.testing.assert_allclose(twice.mtcd, once.mtcd, rtol=1e-12)
+        hj.simulate(small.texture(rng), other, HeadMovement(), path(rng))

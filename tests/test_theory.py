@@ -8,6 +8,7 @@ import oracles
 import pytest
 import scipy.ndimage
 from jax.flatten_util import ravel_pytree
+from small import quickly
 
 import hmdjit as hj
 from hmdjit import curves
@@ -71,7 +72,7 @@ def motion_of(turns):
     return hj.Motion.of(jnp.asarray(oracles.poses_after(np.asarray(turns)[1:])))
 
 
-@functools.partial(jax.jit, static_argnames="cells")
+@functools.partial(quickly, static_argnames="cells")
 def simulated(texture, technique, motion, cells=1):
     """Simulated MTCD in the cell off the centre, or in all of `INNER`."""
     columns, width = SIZE // CELL, CELL * cells
@@ -412,7 +413,7 @@ def total(turns, technique, statistics, memory):
     return jnp.sum(predicted(statistics, technique, motion, **options))
 
 
-gradient = jax.jit(jax.grad(total, argnums=(0, 1)), static_argnames="memory")
+gradient = quickly(jax.grad(total, argnums=(0, 1)), static_argnames="memory")
 TWO_SAMPLES = jax.tree.map(
     jnp.asarray, HeadMovement(closeness=(0.6, 0.8), h_max_deg_s=40.0)
 )
@@ -461,10 +462,8 @@ def test_slopes_of_hardly_moved_pictures_are_numbers_in_float32():
     cells = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), statistics_of(GREY))
     direction = jnp.asarray([0.6, -0.8], jnp.float32)
     of_length = lambda length: cells.difference(jnp.tile(length * direction, (64, 1)))
-    slopes = [
-        jax.vmap(jax.jacfwd(of_length))(jnp.asarray([length], jnp.float32))
-        for length in (1e-12, 1e-3)
-    ]
+    slope = quickly(jax.vmap(jax.jacfwd(of_length)))
+    slopes = [slope(jnp.asarray([length], jnp.float32)) for length in (1e-12, 1e-3)]
     np.testing.assert_allclose(*slopes, rtol=1e-5)
 
 
