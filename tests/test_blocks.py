@@ -205,10 +205,10 @@ def measured(technique, texture, motion, reading, limit=UNCUT, region=WHOLE, par
     )
     def results(texture, camera, technique, motion, region, part):
         def one(motion):
-            result = session.session(
+            (result,) = session.session(
                 texture,
                 camera,
-                technique,
+                (technique,),
                 motion,
                 region,
                 part,

@@ -107,10 +107,10 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
 
 
 def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypatch):
-    def one_fails(self, technique, texture, batch):
+    def one_fails(self, techniques, texture, batch):
         mtcd = np.arange(1.0, 7.0)
         mtcd[3] = np.nan
-        return Result(mtcd, mtcd)
+        return [Result({"mtcd": mtcd, "detail_loss": mtcd}) for _ in techniques]
 
     monkeypatch.setattr(runner.Runner, "run", one_fails)
     monkeypatch.setattr(failures, "MOST_FAILED", 0.2)

@@ -8,7 +8,6 @@ import pytest
 import hmdjit as hj
 from hmdjit.camera import pixel_to_ray
 from hmdjit.color import decode, encode
-from hmdjit.metrics.mtcd import pair_distance
 from hmdjit.sample_patterns import ordered_grid
 from hmdjit.simulation.session import session
 from hmdjit.techniques import SSAA, NoAntialiasing
@@ -52,7 +51,7 @@ def _exact(scene, region, offsets, samples):
         return encode(jnp.mean(decode(jax.lax.map(picture, samples)), axis=0))
 
     frames = jax.lax.map(frame, offsets)
-    return jnp.mean(jax.vmap(pair_distance)(frames[1:], frames[:-1]))
+    return hj.metrics.mtcd(jnp.moveaxis(frames, 1, -1))
 
 
 def biases(scene):
@@ -79,7 +78,8 @@ def biases(scene):
 
 @jax.jit
 def _baked(texture, technique, motion, region):
-    return session(texture, CAMERA, technique, motion, region, region, warmup=0).mtcd
+    (result,) = session(texture, CAMERA, (technique,), motion, region, region, warmup=0)
+    return result.mtcd
 
 
 @pytest.mark.slow

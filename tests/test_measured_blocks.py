@@ -5,10 +5,9 @@ import pytest
 from scipy import stats
 
 import hmdjit as hj
-from hmdjit import blending, camera_bounds
-from hmdjit.simulation.halo import required_halo_px
+from hmdjit import blending
+from hmdjit.simulation.halo import needed_halo_px, required_halo_px
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.techniques.base import HistoryReach
 
 
 def _draw_many(tiles, camera, key, draws):
@@ -94,11 +93,19 @@ def _halo_by_brute_force(steps, gains, tolerance):
     raise AssertionError
 
 
+def halo_of(technique, camera, motion, origin, size):
+    """Halo of one session with one square block, px."""
+    motion = jax.tree.map(lambda leaf: leaf[None], motion)
+    origins = np.array([[origin]], np.int32)
+    (halo,) = needed_halo_px(technique, camera, motion, origins, (size, size))
+    return int(halo)
+
+
 @pytest.mark.parametrize("mean", [0.0, 0.4])
 def test_halo_agrees_with_growing_it(rng, mean):
     steps = rng.normal(mean, 0.4, (12, 15, 4))
     gains = rng.uniform(0.5, 1.1, (12, 15))
-    halos = required_halo_px(HistoryReach(steps, gains))
+    halos = required_halo_px(steps, gains)
     for step, gain, halo in zip(steps, gains, halos, strict=True):
         each = [_halo_by_brute_force(step[:, edge], gain, 1e-5) for edge in range(4)]
         # The line ends at the measured pixel, which is nearer to the edge than what
@@ -117,8 +124,7 @@ def test_what_remains_of_an_error_in_the_history_is_within_the_gain(
         0.6, 0.1, localization=curve, ease=curve, difference=difference
     )
     speed = 11.0
-    span = lambda share: np.zeros((1, 2, 2))
-    gain = kim.history_reach(np.array([speed]), span).gain[0]
+    (gain,) = kim.history_gain(np.array([speed]))
     easing = float(blending.ease(speed, 25.0, curve))
     if isinstance(curve, hj.curves.Linear):
         assert gain == pytest.approx((1 - 0.6 + 2 * 0.5) * (1 - easing), rel=1e-14)
@@ -149,7 +155,7 @@ def test_what_remains_of_an_error_in_the_history_is_within_the_gain(
 def test_halo_is_zero_at_rest_and_grows_with_motion():
     gains = np.full((1, 22), 0.9)
     halos = [
-        required_halo_px(HistoryReach(np.full((1, 22, 4), s), gains))[0]
+        required_halo_px(np.full((1, 22, 4), s), gains)[0]
         for s in (0.0, 0.01, 0.1, 1.0, 3.0)
     ]
     assert halos[0] == 0
@@ -158,8 +164,8 @@ def test_halo_is_zero_at_rest_and_grows_with_motion():
 
 
 def test_motion_away_from_an_edge_needs_no_halo():
-    reach = HistoryReach(np.full((1, 9, 4), -0.7), np.full((1, 9), 0.9))
-    assert required_halo_px(reach)[0] == 0
+    inwards_px, gain = np.full((1, 9, 4), -0.7), np.full((1, 9), 0.9)
+    assert required_halo_px(inwards_px, gain)[0] == 0
 
 
 STEEP = hj.curves.Cosine(4.0)
@@ -180,14 +186,7 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng, kim, widest_px):
     turns = np.cumsum(rng.normal(0, 4e-4, (16, 3)), axis=0)
     poses = jax.vmap(hj.quaternion.exp)(jnp.asarray(turns))
     motion = hj.Motion.of(poses)
-    whole = hj.Region.whole(camera)
-    span = lambda share: np.asarray(
-        jax.vmap(lambda r: camera_bounds.displacement_range(camera, whole, r))(
-            share * motion.increment
-        )
-    )[None]
-    speed = np.degrees(np.linalg.norm(motion.increment, axis=1)) * 60
-    (halo,) = required_halo_px(kim.history_reach(speed[None], span))
+    halo = halo_of(kim, camera, motion, (40, 40), 16)
     assert 4 < halo < widest_px
 
     frames = rng.random((16, 96, 96, 3))
@@ -203,8 +202,8 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(rng, kim, widest_px):
 
 
 def test_a_span_without_bound_asks_for_the_whole_frame():
-    reach = HistoryReach(np.full((1, 3, 4), np.inf), np.full((1, 3), 0.9))
-    assert required_halo_px(reach)[0] >= 4096
+    inwards_px, gain = np.full((1, 3, 4), np.inf), np.full((1, 3), 0.9)
+    assert required_halo_px(inwards_px, gain)[0] >= 4096
 
 
 def test_more_tiles_than_cells_are_refused():
@@ -213,12 +212,12 @@ def test_more_tiles_than_cells_are_refused():
 
 
 def test_unmoved_and_linear_histories_ask_for_wider_halos():
-    speed = np.full((1, 20), 2.0)
-    swing = np.where(np.arange(20) % 2, 3.0, -3.0)[None, :, None, None]
-    span = lambda share: share * swing * np.ones((1, 20, 2, 2))
+    camera = hj.Camera(96, 96, fov_deg=6.0)
+    swing = np.where(np.arange(20) % 2, 6e-4, -6e-4)[:, None] * np.array([1.0, 1.0, 0])
+    motion = hj.Motion(jnp.cumsum(jnp.asarray(swing), axis=0), jnp.asarray(swing))
     kim = hj.techniques.HeadMovement
     halos = [
-        required_halo_px(technique.history_reach(speed, span))[0]
+        halo_of(technique, camera, motion, (40, 40), 16)
         for technique in (kim(), kim(difference="same_pixel"), kim(space="linear"))
     ]
     # The last displayed pixel does not move away from an edge with its history; and

@@ -9,7 +9,6 @@ import oracles
 import pytest
 
 from hmdjit import metrics
-from hmdjit.metrics.mtcd import pair_distance
 
 SIZE = (4, 6, 5, 3)  # frames, height, width, channels
 RESULTS = [
@@ -37,18 +36,18 @@ def test_mtcd_agrees_with_the_oracle(rng, dtype):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_streamed_mtcd_agrees_with_that_of_the_whole_clip(rng, dtype):
     clip = rng.random(SIZE).astype(dtype)
-    streamed = metrics.StreamedMtcd()
+    streamed = metrics.Streamed(metrics.MTCD())
     assert np.isnan(streamed.value)
     for picture in clip:
         streamed.add(picture)
-    # float64 inside, whatever comes in.
+    # In JAX's own precision, which here is float64, whatever comes in.
     assert streamed.value == pytest.approx(oracles.mtcd(clip), rel=1e-14)
 
 
 def test_streamed_mtcd_keeps_no_hold_on_its_input(rng):
     # A reader that fills one buffer again and again must not see MTCD 0.
     clip = rng.random(SIZE)
-    streamed, buffer = metrics.StreamedMtcd(), np.empty(SIZE[1:])
+    streamed, buffer = metrics.Streamed(metrics.MTCD()), np.empty(SIZE[1:])
     for picture in clip:
         buffer[:] = picture
         streamed.add(buffer)
@@ -96,11 +95,12 @@ def test_gradient_of_mtcd_agrees_with_differences_beside_still_pixels(rng):
     np.testing.assert_array_equal(ours[:, 0], np.zeros((2, 3, 3)))
 
 
-def test_pair_distance_is_a_metric(rng):
-    a, b, c = (jnp.asarray(rng.random((3, 6, 5))) for _ in range(3))
-    assert pair_distance(a, a) == 0
-    assert pair_distance(a, b) == pair_distance(b, a)
-    assert pair_distance(a, c) <= pair_distance(a, b) + pair_distance(b, c)
+def test_mtcd_of_a_pair_is_a_distance(rng):
+    a, b, c = (jnp.asarray(rng.random((6, 5, 3))) for _ in range(3))
+    distance = lambda one, other: metrics.mtcd(jnp.stack([one, other]))
+    assert distance(a, a) == 0
+    assert distance(a, b) == distance(b, a)
+    assert distance(a, c) <= distance(a, b) + distance(b, c)
 
 
 def test_mtcd_of_one_picture_is_refused(rng):

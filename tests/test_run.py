@@ -3,7 +3,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +13,12 @@ import xarray
 
 import hmdjit as hj
 from hmdjit.estimates.summary import summarize
+from hmdjit.simulation import sharding
+from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.studies import run as monte_carlo
 from hmdjit.studies import runner as measuring
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.studies.store import fingerprint
 
 CAMERA = small.CAMERA_8_PX_PER_DEG
 IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
@@ -135,13 +135,20 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_compilation_per_technique_serves_all_scenes():
+def test_one_compilation_serves_all_techniques_and_scenes(monkeypatch):
+    traced = []
+    one_session = measuring.session
+
+    def counted(source, camera, techniques, *arguments, **options):
+        traced.append([technique.id for technique in techniques])
+        return one_session(source, camera, techniques, *arguments, **options)
+
+    monkeypatch.setattr(measuring, "session", counted)
+    sharding._compiled.cache_clear()
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
-    programs: Any = measuring._measure.jitted
-    programs.clear_cache()
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
     # MSAA shares the run of none; the last batch is filled up to the others' size.
-    assert programs._cache_size() == 2
+    assert traced == [["none", "freeze"]]
 
 
 @pytest.mark.slow
@@ -180,19 +187,18 @@ def test_tile_means_agree_with_whole_frames():
 
 def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     calm = _study(sessions=6, measure=Tiles(2, 16))
-    runner = monte_carlo._runner(calm, 6)
     kim = hj.techniques.HeadMovement()
-    usual = runner._usual_halo[fingerprint(kim)]
-    assert usual > 0
-    assert runner._usual_halo[fingerprint(hj.techniques.NoAntialiasing())] == 0
     batch = monte_carlo._sessions(calm, 0, 6).batch(0, 6)
-    assert not runner.is_wide(kim, batch).any()
-    need = runner._needed_halo(kim, batch)
-    runner._usual_halo[fingerprint(kim)] = small = int(need.min())
-    halo = runner.halo(kim, batch)
+    need = needed_halo_px(kim, calm.display, batch.motion, batch.origins, (16, 16))
+
+    def runner(pilot):
+        return measuring.Runner(calm.display, calm.measure, [kim], 2, 6, pilot)
+
+    assert not runner(batch).is_wide([kim], batch).any()
+    calmest = runner(batch.select(np.array([need.argmin()])))
+    halo, usual = calmest.halo([kim], batch), -(-need.min() // 4) * 4
     assert (halo >= need).all()
-    np.testing.assert_array_equal(runner.is_wide(kim, batch), need > small)
-    assert runner.is_wide(kim, batch).any()
+    np.testing.assert_array_equal(calmest.is_wide([kim], batch), need > usual)
 
 
 @pytest.mark.slow
@@ -200,13 +206,14 @@ def test_a_wide_session_equals_itself_in_a_wide_study():
     """The halo decides how much is rendered, not what is measured."""
     study = _study(sessions=6, measure=Tiles(1, 16))
     texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
-    runner = monte_carlo._runner(study, 6)
     kim = hj.techniques.HeadMovement()
     batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
-    usual = runner.run(kim, texture, batch)
-    for halo in (0, 64):
-        runner._usual_halo[fingerprint(kim)] = halo
-        again = runner.run(kim, texture, batch)
+    runner = measuring.Runner(CAMERA, study.measure, [kim], study.warmup, 6, batch)
+    (usual,) = runner.run([kim], texture, batch)
+    still = jax.tree.map(np.zeros_like, batch.motion)
+    for pilot in (batch._replace(motion=still), batch):
+        other = measuring.Runner(CAMERA, study.measure, [kim], study.warmup, 6, pilot)
+        (again,) = other.run([kim], texture, batch)
         # Errors beyond a halo reach the tile with less than 1e-5 of the colour range;
         # MTCD moves by at most 2 x 255 x sqrt(3) times that.
         np.testing.assert_allclose(again.mtcd, usual.mtcd, atol=9e-3)

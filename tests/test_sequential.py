@@ -14,7 +14,6 @@ from hmdjit.cli import definition
 from hmdjit.cli import main as cli
 from hmdjit.estimates.cells import Cell
 from hmdjit.estimates.summary import summarize
-from hmdjit.studies import run as monte_carlo
 from hmdjit.studies import sampler as samples
 from hmdjit.studies import sequential as until
 from hmdjit.studies.failures import FailedSessionsError
@@ -128,18 +127,18 @@ def test_sessions_are_those_of_any_other_study(precise):
 @pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     expected = study().run(5, tolerance=0.1)
-    simulated = monte_carlo.Run._simulated
+    run = runner.Runner.run
     calls = []
 
-    def interrupted(self, name, run, texture, batch):
+    def interrupted(self, techniques, texture, batch):
         if batch.start < samples.PILOT_START:
             calls.append(batch.start)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return simulated(self, name, run, texture, batch)
+        return run(self, techniques, texture, batch)
 
     with monkeypatch.context() as patch:
-        patch.setattr(monte_carlo.Run, "_simulated", interrupted)
+        patch.setattr(runner.Runner, "run", interrupted)
         with pytest.raises(KeyboardInterrupt):
             study().run(5, out=tmp_path, tolerance=0.1)
     assert len(list(tmp_path.glob("batches/*.npz"))) == 2

@@ -100,9 +100,10 @@ def strip_mtcd(technique, texture, turns, *, warmup):
     region, block = hj.Region.whole(STRIP), hj.Region(16, 0, WAVE_PX, 1)
 
     def one(motion):
-        return session.session(
-            texture, STRIP, technique, motion, region, block, warmup=warmup
-        ).mtcd
+        (result,) = session.session(
+            texture, STRIP, (technique,), motion, region, block, warmup=warmup
+        )
+        return result.mtcd
 
     return jax.lax.map(one, motions)
 

@@ -50,42 +50,51 @@ def test_fingerprint_refuses_what_it_cannot_take_apart():
         fingerprint(lambda: 0)
 
 
+def result(count, value=0.0):
+    return Result({"mtcd": np.full(count, value), "detail_loss": np.ones(count)})
+
+
 def test_a_kept_batch_is_found_by_its_key_only(tmp_path):
     store = Store(tmp_path)
-    result = Result(np.array([1.0, 2.0]), np.array([3.0, 4.0]))
-    store.keep("none-noise-0", "a" * 64, result)
-    found = store.find("none-noise-0", "a" * 64)
-    assert found is not None
-    np.testing.assert_array_equal(found.mtcd, result.mtcd)
-    np.testing.assert_array_equal(found.detail_loss, result.detail_loss)
-    assert store.find("none-noise-0", "b" * 64) is None
-    assert store.find("none-noise-1", "a" * 64) is None
+    store.keep("noise-0", "a" * 64, {"f" * 64: result(2, 1.5), "e" * 64: result(2)})
+    found = store.find("noise-0", "a" * 64)
+    assert set(found) == {"e" * 64, "f" * 64}
+    np.testing.assert_array_equal(found["f" * 64].mtcd, [1.5, 1.5])
+    np.testing.assert_array_equal(found["f" * 64].detail_loss, [1.0, 1.0])
+    assert not store.find("noise-0", "b" * 64)
+    assert not store.find("noise-1", "a" * 64)
     assert [path.suffix for path in (tmp_path / "batches").iterdir()] == [".npz"]
 
 
-def test_names_of_kept_batches_are_names_of_files_anywhere(tmp_path):
+def test_a_technique_that_came_later_is_found_beside_the_others(tmp_path):
     store = Store(tmp_path)
-    store.keep(
-        "head_movement:a+ssaa2-<b/c>-0", "a" * 64, Result(np.ones(1), np.ones(1))
-    )
+    store.keep("noise-0", "a" * 64, {"e" * 64: result(2, 1.0)})
+    store.keep("noise-0", "a" * 64, {"f" * 64: result(2, 2.0)})
+    found = store.find("noise-0", "a" * 64)
+    assert [found[key * 64].mtcd[0] for key in "ef"] == [1.0, 2.0]
+
+
+def test_names_of_kept_batches_are_names_of_files_anywhere(tmp_path):
+    store, name = Store(tmp_path), "a+b-<b/c>[1]-0"
+    store.keep(name, "a" * 64, {"f" * 64: result(1)})
     (file,) = (tmp_path / "batches").iterdir()
-    assert file.name == f"head_movement_a+ssaa2-_b_c_-0-{'a' * 16}.npz"
-    assert store.find("head_movement:a+ssaa2-<b/c>-0", "a" * 64) is not None
+    assert file.name.startswith(f"a+b-_b_c_[1]-0-{'a' * 16}-")
+    assert store.find(name, "a" * 64)
 
 
 def test_a_damaged_batch_counts_as_unfinished(tmp_path):
     store = Store(tmp_path)
-    store.keep("x", "a" * 64, Result(np.zeros(50), np.zeros(50)))
+    store.keep("x", "a" * 64, {"f" * 64: result(50)})
     (file,) = (tmp_path / "batches").iterdir()
     whole = file.read_bytes()
     for content in (b"", b"rubbish", whole[: len(whole) // 2]):
         file.write_bytes(content)
-        assert store.find("x", "a" * 64) is None
+        assert not store.find("x", "a" * 64)
 
 
 def test_a_store_without_a_folder_keeps_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     store = Store(None)
-    store.keep("x", "a" * 64, Result(np.zeros(1), np.zeros(1)))
-    assert store.find("x", "a" * 64) is None
+    store.keep("x", "a" * 64, {"f" * 64: result(1)})
+    assert not store.find("x", "a" * 64)
     assert not list(tmp_path.iterdir())

@@ -80,7 +80,10 @@ def simulated(texture, technique, motion, cells=1):
     block = hj.Region(CELL * column, CELL * row, width, width)
     whole = hj.Region.whole(CAMERA)
 
-    return session(texture, CAMERA, technique, motion, whole, block, warmup=WARMUP).mtcd
+    (result,) = session(
+        texture, CAMERA, (technique,), motion, whole, block, warmup=WARMUP
+    )
+    return result.mtcd
 
 
 def statistics_of(texture, **options):
@@ -548,7 +551,7 @@ def test_how_well_sessions_are_predicted_and_how_fast():
         jax.block_until_ready(statistics.slope_squared)
         print(f"\n{name}: tabled in {time.perf_counter() - start:.1f} s")
         for technique in techniques:
-            run = lambda t, texture: runner.run(t, texture, batch).mtcd
+            run = lambda t, texture: runner.run([t], texture, batch)[0].mtcd
             ours, slow_s = timed(run, technique, texture)
             for memory in (0, 4):
                 theirs, fast_s = timed(
