@@ -45,24 +45,27 @@ def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
         raise ImportError(
             "The envelope needs mpmath: install `hmdjit[study]`."
         ) from error
-    from ..envelope import measuring
+    from ..envelope import engine
+    from ..envelope.table import ROWS
+    from ..figures import envelope as figure
     from ..reports import envelope as report
 
     start, names = time.monotonic(), set()
 
-    def say(row: measuring.Row) -> None:
+    def say(row: engine.Measurement) -> None:
         if row.name not in names:
             names.add(row.name)
             seconds = time.monotonic() - start
             console.print(f"{seconds:5.0f} s  {row.name}", highlight=False)
 
-    rows = report.measured(seed=command.seed, quick=command.quick, progress=say)
+    options: dict[str, Any] = {"seed": command.seed, "quick": command.quick}
+    rows = engine.measure(ROWS, **options, progress=say)
     console.print(report.table(rows, console.width))
     explanation = report.explanation(rows)
     console.print(explanation, highlight=False, soft_wrap=True)
-    file = measuring.write_csv(rows, command.out / "envelope.csv")
+    file = report.write_csv(rows, command.out / "envelope.csv")
     points = 49 if command.quick else 121
-    picture = report.write_figure(file.with_suffix(".png"), command.seed, points)
+    picture = figure.write_figure(file.with_suffix(".png"), command.seed, points)
     seconds = time.monotonic() - start
     console.print(
         f"Wrote {file} and {picture} after {seconds:.0f} s.",
