@@ -1,33 +1,64 @@
 """Fits at the bounds of their searches and beyond: maps, refusals, whole fits."""
 
+import itertools
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from extremes import bad_leaves, cast
 from heads import identifiable_within_bounds, traces_of
 
-from hmdjit.curve_fitting.space import CurveSpace
+from hmdjit.curve_fitting.space import FAMILIES, LOCALIZATIONS, CurveSpace
 from hmdjit.curves import Cosine, Spline
-from hmdjit.envelope import bounds
-from hmdjit.envelope.measuring import DIGITS, mp
+from hmdjit.envelope.arguments import COORDINATES
 from hmdjit.head_fitting import fitting, whittle
 from hmdjit.head_motion import Amplitude, HeadMotion, Resonator
 from hmdjit.techniques import HeadMovement
 
-# --- maps ---
+# --- maps: how exact they are is in the envelope ---
 
-
-RUNS = [
-    pytest.param(run, marks=pytest.mark.slow if run.is_slow else (), id=run.name)
-    for run in bounds.runs()
+BOTH = pytest.mark.parametrize("dtype", ["float32", "float64"])
+RATES_HZ = (1.6, 30.0, 90.0, 1000.0)
+SPACES = [
+    CurveSpace(),
+    *(CurveSpace(f, 4, kind) for f in FAMILIES for kind in LOCALIZATIONS),
 ]
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("run", RUNS)
-def test_maps_are_right_and_within_their_ranges(run, dtype):
-    with mp.workdps(DIGITS):
-        error, where = run.measure(np.random.default_rng(0), dtype, True)
-    assert error <= run.bounds[dtype].value, where
+def log_values(logits, log_bounds):
+    one = jnp.ones(1, logits.dtype)
+    power, leakage = (jnp.ones((1, 1, n), logits.dtype) for n in (3, 1))
+    data = whittle.Data(
+        power, one, leakage, jnp.zeros(1, int), one, one[0], log_bounds, one[0]
+    )
+    return whittle.log_values(whittle.Search(logits, one), data)
+
+
+def with_slopes(function):
+    by = (jax.jacfwd(function), jax.jacrev(function))
+    return jax.jit(lambda *given: (function(*given), [slope(*given) for slope in by]))
+
+
+def numbers_beyond_bounds(dtype):
+    """How many numbers of a head lie beyond their bounds, or have no gradient."""
+    anew = with_slopes(lambda *given: log_values(*given))
+    bad = 0
+    for rate_hz in RATES_HZ:
+        log_bounds = jnp.asarray(whittle.log_bounds(2, rate_hz), dtype)
+        for x in (*COORDINATES, *np.linspace(-30, 30, 6)):
+            logits = jnp.full((log_bounds.shape[1], 3), x, dtype)
+            found, slopes = anew(logits, log_bounds)
+            low, high = log_bounds[..., None]
+            bad += int(jnp.sum(~((found >= low) & (found <= high)))) + bad_leaves(
+                slopes
+            )
+    return bad
+
+
+@BOTH
+def test_any_logit_is_a_number_within_its_bounds_with_a_gradient(dtype):
+    assert numbers_beyond_bounds(dtype) == 0
 
 
 def test_a_map_that_leaves_its_bounds_does_not_hold(monkeypatch):
@@ -37,10 +68,75 @@ def test_a_map_that_leaves_its_bounds_does_not_hold(monkeypatch):
 
     # In float64 low + (high - low) is 4e-16 above the largest wander's speed.
     monkeypatch.setattr(whittle, "log_values", plain)
-    anew = lambda *given: bounds._log_values(*given)
-    monkeypatch.setattr(bounds, "_head_forms", [jax.jit(anew)])
-    rng = np.random.default_rng(0)
-    assert bounds.head_range(rng, "float64", quick=True)[0] > 0
+    assert numbers_beyond_bounds("float64") > 0
+
+
+@BOTH
+@pytest.mark.parametrize("order", whittle.ORDERS)
+def test_a_search_starts_from_the_wander_that_is_documented(order, dtype):
+    for rate_hz in RATES_HZ:
+        log_bounds = whittle.log_bounds(order, rate_hz)
+        low, high = log_bounds[:, :3]
+        # Nearer to a bound than a fiftieth of its range they lie there.
+        kept, inside = np.log([0.8, 0.12, 0.004]), 0.02 * (high - low)
+        expected = np.clip(kept, low + inside, high - inside)[:, None]
+        for logits in whittle.start_logits(log_bounds, order):
+            found = log_values(*cast((logits, log_bounds), dtype))[:3]
+            off = np.abs(np.asarray(found, float) - expected)
+            assert off.max() <= 4 * np.finfo(dtype).eps * np.abs([low, high]).max()
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "space",
+    [SPACES[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SPACES[1:])],
+)
+def test_any_point_is_a_technique_with_gradients(space, dtype, rng):
+    (least, most), found_of = space.ranges, with_slopes(space.natural)
+    is_valid = jax.jit(lambda point: space.technique(point).is_valid)
+    points = [np.full(space.size, x) for x in COORDINATES]
+    for x, i in itertools.product(COORDINATES, range(space.size)):
+        points.append(rng.normal(size=space.size))
+        points[-1][i] = x
+    points += [rng.choice(COORDINATES, space.size) for _ in range(20)]
+    for point in points:
+        given = jnp.asarray(point, dtype)
+        found, slopes = found_of(given)
+        found = np.asarray(found, float)
+        is_within = (found >= least) & (found <= most) & np.isfinite(found)
+        assert is_within.all(), point
+        assert bool(is_valid(given)), point
+        assert bad_leaves(slopes) == 0, point
+
+
+def near_bounds(bound, inwards):
+    """A bound, an ulp inside it, and farther in."""
+    inside = float(np.nextafter(bound, bound + inwards))
+    return [bound, inside, *(bound + inwards * step for step in (1e-9, 1e-3, 0.01))]
+
+
+@BOTH
+def test_techniques_come_back_from_their_place_in_the_space(dtype):
+    space = CurveSpace()
+    natural = jax.jit(jax.vmap(space.natural))
+    shares = [*near_bounds(0.0, 1.0), 0.5, *near_bounds(1.0, -1.0)]
+    speeds = (1e-19, 1e-6, 25.0, 1e19)
+    cases = [
+        (w_min, share, d, speeds[int(1e3 * (w_min + share + d)) % 4])
+        for w_min, share, d in itertools.product(shares, repeat=3)
+    ]
+    points = [space.near(HeadMovement(w, s * w, h, (d,))) for w, s, d, h in cases]
+    found = np.asarray(natural(jnp.asarray(np.stack(points), dtype)), float)
+    w_min, share, d, speed = np.array(cases).T
+    back = np.stack(
+        [found[:, 0], found[:, 1] / found[:, 0], found[:, 2] / speed, found[:, 3]]
+    )
+    # Of nothing there is no share; half of the smallest number is nothing.
+    share = np.where(w_min > 0, share * w_min / np.where(w_min > 0, w_min, 1), 0)
+    # What lies nearer to a bound than 1e-3 is documented to come back from there.
+    inside = np.stack([w_min, share, d]).clip(1e-3, 1 - 1e-3)
+    expected = np.insert(inside, 2, 1.0, axis=0)
+    np.testing.assert_allclose(back, expected, rtol=0, atol=64 * np.finfo(dtype).eps)
 
 
 # --- what lies beyond is refused ---

@@ -14,6 +14,7 @@ from hmdjit.cli import definition
 from hmdjit.cli import main as cli
 from hmdjit.estimates.cells import Cell
 from hmdjit.estimates.summary import summarize
+from hmdjit.studies import runner as running
 from hmdjit.studies import sampler as samples
 from hmdjit.studies import sequential as until
 from hmdjit.studies.failures import FailedSessionsError
@@ -127,7 +128,7 @@ def test_sessions_are_those_of_any_other_study(precise):
 @pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     expected = study().run(5, tolerance=0.1)
-    run = runner.Runner.run
+    run = running.Runner.run
     calls = []
 
     def interrupted(self, techniques, texture, batch):
@@ -138,7 +139,7 @@ def test_a_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
         return run(self, techniques, texture, batch)
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner.Runner, "run", interrupted)
+        patch.setattr(running.Runner, "run", interrupted)
         with pytest.raises(KeyboardInterrupt):
             study().run(5, out=tmp_path, tolerance=0.1)
     assert len(list(tmp_path.glob("batches/*.npz"))) == 2

@@ -43,21 +43,21 @@ def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
         raise ImportError(
             "The envelope needs mpmath: install `hmdjit[study]`."
         ) from error
-    from ..envelope import measuring
+    from ..envelope import engine
+    from ..envelope.table import ROWS
+    from ..figures import envelope as figure
     from ..reports import envelope as report
 
     start = time.monotonic()
     with Display(console) as display:
-        rows = report.measured(
-            seed=command.seed,
-            quick=command.quick,
-            progress=lambda row: display(Progress(doing=row.name)),
-        )
+        say = lambda row: display(Progress(doing=row.name))
+        seed, quick = command.seed, command.quick
+        rows = engine.measure(ROWS, seed=seed, quick=quick, progress=say)
     console.print(report.table(rows, console.width))
     console.out(report.explanation(rows))
-    file = measuring.write_csv(rows, command.out / "envelope.csv")
+    file = report.write_csv(rows, command.out / "envelope.csv")
     points = 49 if command.quick else 121
-    picture = report.write_figure(file.with_suffix(".png"), command.seed, points)
+    picture = figure.write_figure(file.with_suffix(".png"), command.seed, points)
     seconds = time.monotonic() - start
     console.out(f"Wrote {file} and {picture} after {seconds:.0f} s.")
     return all(row.holds for row in rows)
