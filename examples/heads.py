@@ -112,7 +112,7 @@ def flicker_table(found: dict[str, list[SummaryRow]]) -> str:
     """Lay out what each head's flicker is."""
     rows = []
     for name, (plain, blended) in found.items():
-        spread = Z95 * blended.detail_loss_standard_error
+        spread = Z95 * blended.others["detail_loss"].standard_error
         clusters = re.search(r"(\d+) subject", blended.interval)
         who = " drawn persons" if "fitted" in name else " people"
         rows.append(
@@ -121,7 +121,7 @@ def flicker_table(found: dict[str, list[SummaryRow]]) -> str:
                 f"{plain.mean:.2f}",
                 f"{blended.ratio:.3f} "
                 f"[{blended.ratio_low:.3f}, {blended.ratio_high:.3f}]",
-                f"{blended.detail_loss:.1f} ± {spread:.1f}",
+                f"{blended.others["detail_loss"].mean:.1f} ± {spread:.1f}",
                 clusters[1] + who if clusters else "sessions",
             )
         )
@@ -139,10 +139,9 @@ def draw(found: dict[str, list[SummaryRow]], path: Path) -> None:
         colour = "C1" if "replayed" in name else "C0" if "fitted" in name else "C7"
         bounds = [[row.ratio - row.ratio_low], [row.ratio_high - row.ratio]]
         left.errorbar(row.ratio, place, xerr=bounds, fmt="o", capsize=3, color=colour)
-        spread = Z95 * row.detail_loss_standard_error
-        right.errorbar(
-            row.detail_loss, place, xerr=spread, fmt="o", capsize=3, color=colour
-        )
+        loss = row.others["detail_loss"]
+        spread = Z95 * loss.standard_error
+        right.errorbar(loss.mean, place, xerr=spread, fmt="o", capsize=3, color=colour)
     left.set_yticks(range(len(found)), list(found))
     left.invert_yaxis()
     left.set_xlabel("MTCD ratio, head movement / none")

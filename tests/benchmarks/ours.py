@@ -16,6 +16,7 @@ from task import CLOSENESS, FOCAL_PX, H_MAX_DEG_S, REFRESH_HZ, W_LB, W_MIN, Task
 
 from hmdjit import Camera, Motion, Region, Texture
 from hmdjit.frames.motion import rebased_motion
+from hmdjit.metrics import MTCD, STANDARD
 from hmdjit.simulation.session import fastest_reading, session
 from hmdjit.simulation.sharding import compiler_options, over_devices
 from hmdjit.techniques import HeadMovement
@@ -81,18 +82,18 @@ def _measure(
 ) -> tuple[jax.Array, ...]:
     def one(shared: tuple, motion: Motion) -> tuple[jax.Array, ...]:
         texture, camera, technique, region = shared
-        result = session(
+        (result,) = session(
             texture,
             camera,
-            technique,
+            (technique,),
             motion,
             region,
             region,
             warmup=0,
             reading=fastest_reading(),
-            detail_loss=loss,
+            metrics=STANDARD if loss else (MTCD(),),
         )
-        return (jnp.asarray(result.mtcd), jnp.asarray(result.detail_loss))
+        return tuple(map(jnp.asarray, result.metrics.values()))
 
     shared = (texture, camera, technique, region)
     return over_devices(one, shared, motion, mesh)
