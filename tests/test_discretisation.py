@@ -121,7 +121,7 @@ def test_discretisation_in_float32_agrees_with_float64(dt):
 
 
 @given(st.floats(-6, 3), st.floats(-6, 3))
-@settings(max_examples=50)
+@settings(max_examples=20)
 def test_two_steps_are_one_long_step(exponent, other_exponent):
     drift, diffusion = map(jnp.asarray, head_and_neck())
     first, second = 10.0**exponent, 10.0**other_exponent

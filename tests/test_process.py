@@ -45,8 +45,7 @@ FRAMES_AND_SESSIONS = 2000, 150  # one program for all
 @pytest.mark.parametrize(
     "name",
     [
-        # Without resonators it is a program of its own.
-        pytest.param(name, marks=pytest.mark.slow if name == "tracker_noise" else ())
+        pytest.param(name, marks=() if name == "fixating" else pytest.mark.slow)
         for name in presets.tables()
     ],
 )
@@ -259,7 +258,11 @@ def test_sessions_depend_on_their_key_alone(key):
     np.testing.assert_allclose(jnp.linalg.norm(batch, axis=-1), 1.0, rtol=1e-14)
 
 
-@pytest.mark.parametrize("head", [MODEL_A, BURSTS], ids=["A", "bursts"])
+@pytest.mark.parametrize(
+    "head",
+    [pytest.param(MODEL_A, marks=pytest.mark.slow), BURSTS],
+    ids=["A", "bursts"],
+)
 def test_dtype_follows_the_model_or_the_caller(head, key):
     type_of = lambda head, dtype=None: (
         jax.eval_shape(lambda: head.sample(key, 60.0, 2, dtype=dtype)).dtype

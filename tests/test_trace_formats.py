@@ -469,7 +469,7 @@ options = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=400)
+@settings(max_examples=150)
 @given(st.sampled_from(VALID), edits, st.booleans(), options)
 def test_edited_files_give_a_trace_or_one_clear_line(
     tmp_path_factory, text, edits, headless, options
@@ -482,7 +482,7 @@ def test_edited_files_give_a_trace_or_one_clear_line(
     assert_trace_or_clear(tmp_path_factory, text.encode(), options)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.binary(max_size=80), st.sampled_from(VALID), st.integers(0, 500), options)
 def test_any_bytes_give_a_trace_or_one_clear_line(
     tmp_path_factory, content, text, keep, options
