@@ -37,8 +37,8 @@ from ..techniques.base import AbstractTechnique
 from .derivatives import Parameters, SessionDerivatives, differentiate
 
 
-class Row(NamedTuple):
-    """A parameter in the table; see `Sensitivities`."""
+class Sensitivity(NamedTuple):
+    """One parameter, a line of the table; see `Sensitivities`."""
 
     name: str
     value: float
@@ -81,12 +81,14 @@ class Sensitivities:
     sessions: SessionDerivatives
     about: str = ""
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[Sensitivity]:
         """One row per parameter, in the order of the fields of `Parameters`."""
         numbers = (self.derivative, self.standard_error, self.low, self.high)
         columns = (values.tolist() for values in numbers)
         named = (self.names, self.values.tolist(), self.per)
-        return [Row(*row) for row in zip(*named, *columns, self.signs, strict=True)]
+        return [
+            Sensitivity(*row) for row in zip(*named, *columns, self.signs, strict=True)
+        ]
 
 
 def sensitivities(
@@ -203,6 +205,6 @@ def write_csv(found: Sensitivities, path: str | os.PathLike) -> Path:
         open(unfinished, "w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.writer(file)
-        writer.writerow((*Row._fields, "about"))
+        writer.writerow((*Sensitivity._fields, "about"))
         writer.writerows((*row, found.about) for row in found.rows())
     return Path(path)
