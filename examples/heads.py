@@ -112,7 +112,8 @@ def flicker_table(found: dict[str, list[SummaryRow]]) -> str:
     """Lay out what each head's flicker is."""
     rows = []
     for name, (plain, blended) in found.items():
-        spread = Z95 * blended.others["detail_loss"].standard_error
+        loss = blended.others["detail_loss"]
+        spread = Z95 * loss.standard_error
         clusters = re.search(r"(\d+) subject", blended.interval)
         who = " drawn persons" if "fitted" in name else " people"
         rows.append(
@@ -121,7 +122,7 @@ def flicker_table(found: dict[str, list[SummaryRow]]) -> str:
                 f"{plain.mean:.2f}",
                 f"{blended.ratio:.3f} "
                 f"[{blended.ratio_low:.3f}, {blended.ratio_high:.3f}]",
-                f"{blended.others["detail_loss"].mean:.1f} ± {spread:.1f}",
+                f"{blended.others['detail_loss'].mean:.1f} ± {spread:.1f}",
                 clusters[1] + who if clusters else "sessions",
             )
         )

@@ -99,8 +99,9 @@ FOLDERS = {
     "sensitivity": [("derivatives",), ("sensitivity",)],
     "curve_fitting": [
         ("space", "search"),
-        ("errors", "measuring"),
-        ("results", "recovery"),
+        ("errors", "viewing"),
+        ("problem", "results"),
+        ("front", "recovery"),
         ("fitting",),
     ],
     "envelope": [

@@ -1,5 +1,7 @@
 """A technique of a user's own, who says no more than the contract asks for."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -45,7 +47,7 @@ class Blur(hj.techniques.AbstractTechnique):
     def init(self, frame):
         return None
 
-    def step(self, state, frame, motion):
+    def step(self, state, frame, motion) -> Any:
         r = self.radius
         planes = jnp.pad(frame.color[0], [(0, 0), (r, r), (r, r)], mode="edge")
         _, height, width = frame.color[0].shape
@@ -59,10 +61,6 @@ class Blur(hj.techniques.AbstractTechnique):
 
 class Forgetful(Average):
     """Says that little of an error remains, which is not so."""
-
-    @property
-    def id(self):
-        return "forgetful"
 
     def history_gain(self, speed_deg_s):
         return 0.1 * np.ones_like(speed_deg_s)
@@ -131,7 +129,7 @@ def test_it_flickers_less_than_what_is_rendered(whole):
 @pytest.mark.parametrize(
     ("technique", "hint"),
     [
-        (Forgetful(), "history_gain of forgetful must be at least 0.8"),
+        (Forgetful(), "history_gain of average must be at least 0.8"),
         (NearSighted(), "stencil_radius_px of blur must be at least 1"),
         (Sham(), "on_pictures of average must show the same"),
     ],

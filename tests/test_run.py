@@ -13,7 +13,6 @@ import xarray
 
 import hmdjit as hj
 from hmdjit.estimates.summary import summarize
-from hmdjit.simulation import sharding
 from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.studies import run as monte_carlo
 from hmdjit.studies import runner as measuring
@@ -144,7 +143,7 @@ def test_one_compilation_serves_all_techniques_and_scenes(monkeypatch):
         return one_session(source, camera, techniques, *arguments, **options)
 
     monkeypatch.setattr(measuring, "session", counted)
-    sharding._compiled.cache_clear()
+    jax.clear_caches()
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
     # MSAA shares the run of none; the last batch is filled up to the others' size.

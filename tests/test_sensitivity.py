@@ -29,7 +29,7 @@ from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.studies.runner import Runner
 from hmdjit.studies.sessions import Sessions, session_keys, study_key
 from hmdjit.techniques import HeadMovement, NoAntialiasing
-from hmdjit.techniques.base import AbstractSpatial
+from hmdjit.techniques.base import AbstractSpatial, AbstractTechnique
 
 # People who sit still move this camera's picture by some 0.2 px per frame.
 CAMERA = hj.Camera(width_px=8, height_px=6, fov_deg=0.6, refresh_hz=60.0)
@@ -47,10 +47,11 @@ def scenes(camera=CAMERA, margin_px=12, dtype=float):
 
 
 TWO = scenes()
+ONE = {"one": TWO["one"]}
 QUICKLY = {"xla_backend_optimization_level": 0}
 
 
-def parameters(head, technique=KIM):
+def parameters(head, technique: AbstractTechnique = KIM):
     return Parameters(head, CAMERA, technique, NoAntialiasing())
 
 
@@ -77,6 +78,58 @@ def _quickly():
 @pytest.fixture(scope="module")
 def many():
     return of_head(MODELS["A"])
+
+
+class Tinted(AbstractSpatial):
+    """Scales the picture by its strength and its first knot."""
+
+    strength: float
+    knots: Array
+
+    @property
+    def id(self):
+        return "tinted"
+
+    def resolve(self, frame):
+        return self.strength * self.knots[0] * frame.color[0]
+
+
+NUMBERS = {
+    "head.speed_rms_deg_s[1]": lambda p: p.head.speed_rms_deg_s[1],
+    "camera.fov_deg": lambda p: p.camera.fov_deg,
+    "technique.strength": lambda p: p.technique.strength,
+}
+
+
+def test_derivatives_of_mtcd_are_central_differences():
+    """One number of each kind; the slow tests look at all of them."""
+    # With a technique that compiles quickly.
+    here = parameters(MODELS["A"], Tinted(0.7, jnp.array([0.5, 0.3])))
+    of = lambda now: differentiate(ONE, now, sessions=2, **COUNTS)
+    found = of(here)
+    for name, where in NUMBERS.items():
+        # So small a change moves no source across a pixel's centre.
+        step = 1e-6 * where(here)
+        low, high = (
+            of(eqx.tree_at(where, here, where(here) + s)) for s in (-step, step)
+        )
+        i = found.names.index(name)
+        difference = (high.x - low.x) / (2 * step)
+        assert found.dx[:, i] == pytest.approx(difference, rel=1e-6)
+        assert (found.dx[:, i] != 0).all()
+
+
+def test_further_fields_come_in_by_themselves():
+    technique = Tinted(1.0, jnp.array([0.5, 0.3]))
+    found = sensitivity.sensitivities(
+        ONE, CAMERA, technique, MODELS["A"], sessions=2, **COUNTS
+    )
+    rows = {row.name: row for row in found.rows()}
+    # MTCD is proportional to the picture's contrast.
+    np.testing.assert_allclose(found.ratio.value, 0.5, rtol=1e-12)
+    np.testing.assert_allclose(rows["technique.knots[0]"].derivative, 1.0, rtol=1e-12)
+    assert rows["technique.knots[1]"].sign == "0"
+    assert "tinted over none, one; 2 sessions of 3 frames" in found.about
 
 
 FEW = 3
@@ -249,33 +302,6 @@ def test_numbers_that_are_0_have_derivatives_per_unit():
     assert np.isfinite(found.derivative).all()
 
 
-class Tinted(AbstractSpatial):
-    """Scales the picture by its first knot."""
-
-    knots: Array
-
-    @property
-    def id(self):
-        return "tinted"
-
-    def resolve(self, frame):
-        return self.knots[0] * frame.color[0]
-
-
-@pytest.mark.slow
-def test_further_fields_come_in_by_themselves():
-    technique = Tinted(jnp.array([0.5, 0.3]))
-    found = sensitivity.sensitivities(
-        TWO, CAMERA, technique, MODELS["A"], sessions=4, **COUNTS
-    )
-    rows = {row.name: row for row in found.rows()}
-    # MTCD is proportional to the picture's contrast.
-    np.testing.assert_allclose(found.ratio.value, 0.5, rtol=1e-12)
-    np.testing.assert_allclose(rows["technique.knots[0]"].derivative, 1.0, rtol=1e-12)
-    assert rows["technique.knots[1]"].sign == "0"
-    assert "tinted over none, one, other; 4 sessions of 3 frames" in found.about
-
-
 @pytest.mark.slow
 def test_tiles_measure_what_a_study_measures():
     camera = hj.Camera(width_px=48, height_px=32, fov_deg=3.6, refresh_hz=60.0)
@@ -290,7 +316,7 @@ def test_tiles_measure_what_a_study_measures():
     )
     batch = Sessions(SEED, head, camera, tiles, 5, WARMUP + FRAMES).batch(0, 5)
     runner = Runner(camera, tiles, [kim], WARMUP, 5, batch, GATHER)
-    study = runner.run(kim, texture, batch)
+    (study,) = runner.run([kim], texture, batch)
     # Both in float32, from the same paths; a halo's edge does less than 1e-5.
     np.testing.assert_allclose(found.x, study.mtcd, rtol=1e-4)
 

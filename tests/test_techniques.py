@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,11 +28,11 @@ def turning(speed_deg_s, frames=2):
     return oracles.poses_after(yaw_increments(speed_deg_s, frames))
 
 
-def clip(rng, frames, dtype=float, size=SIZE):
+def clip(rng, frames, dtype: Any = float, size=SIZE):
     return rng.random((frames, *size)).astype(dtype)
 
 
-def applied(technique, frames, poses, camera=CAMERA, static_mask=True):
+def applied(technique, frames, poses, camera=CAMERA, static_mask: Any = True):
     """What is displayed. Clips are made 8 frames long, so that few are compiled for.
 
     What is displayed does not depend on what comes later: a law below.
@@ -76,7 +77,7 @@ def sampled(technique, frames):
     return np.repeat(frames[:, None], technique.sample_offsets_px.shape[1], axis=1)
 
 
-def displayed(technique, frames, poses=SLOWLY, static=True):
+def displayed(technique, frames, poses=SLOWLY, static: Any = True):
     return applied(technique, sampled(technique, frames), poses, static_mask=static)
 
 

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from ..frames.sources import Texture
 from .errors import Errors, errors
-from .measuring import Viewing, values_and_slopes
+from .problem import Problem
 from .search import NoFitError, Numbers, least_squares
 from .space import CurveSpace
+from .viewing import Viewing, stacked
 
 _TOLERANCE = 1e-3
 _LEAST = 1e-6  # code values, and their squares: float32 pictures are rounded by 1e-5
@@ -58,31 +59,19 @@ def recover(
         )
     if not np.isfinite(observed).all():
         raise NoFitError("observed must be finite, got NaN or inf.")
-    unit = observed.mean(axis=1)
+    unit = observed.mean(axis=1, keepdims=True)
     if not np.all(unit > _LEAST):
         raise NoFitError(
             "observed must flicker and lose detail in every scene, by more than "
             f"{_LEAST:g}; got {np.min(unit):.2g}."
         )
-
-    def linearized(point: Numbers) -> tuple[np.ndarray, np.ndarray]:
-        """Relative residuals and slopes, `(scenes, sessions, measures[, numbers])`."""
-        at = jnp.asarray(point, viewing.motion.offset.dtype)
-        measured = [values_and_slopes(space, at, t, viewing) for t in textures]
-        found, slopes = zip(*measured, strict=True)
-        scale = unit[:, None]
-        residuals = (np.asarray(found, float) - observed) / scale
-        return residuals, np.asarray(slopes, float) / scale[..., None]
-
-    def linearize(point: Numbers) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slopes = linearized(point)
-        return residuals.reshape(-1), slopes.reshape(-1, space.size)
-
+    one = np.ones((1, 1, 1))
+    problem = Problem(
+        space, stacked(textures), viewing, unit, one, one, observed / unit
+    )
     begun = np.asarray(space.starts()[0] if start is None else start)
-    found = least_squares(linearize, begun, tolerance=_TOLERANCE)
-    residuals, slopes = linearized(found.point)
-    gradients = np.einsum("csm,csmp->sp", residuals, slopes)
-    curvatures = np.einsum("csmp,csmq->spq", slopes, slopes)
+    found = least_squares(problem, begun, tolerance=_TOLERANCE)
+    here = problem.at(found.point)
     numbers = np.asarray(space.natural(jnp.asarray(found.point)))
-    sure = errors(space, found.point, gradients, curvatures)
+    sure = errors(space, found.point, here.gradients(), here.curvatures())
     return Recovered(found.point, numbers, sure, found.why)

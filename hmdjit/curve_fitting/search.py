@@ -1,36 +1,31 @@
 """Searching a space of curves: least squares by Levenberg-Marquardt.
 
-Each step asks for residuals and slopes at one point. They are measured outside of the
-solver, scene by scene, with progress in between; the solver sees them as the linear
-function that they are to it. An interrupted search therefore loses a step at most.
+Sessions are read by slices, which must not be vectorised, and a curve has few numbers:
+so residuals and all their slopes are measured together, once per step, and what the
+solver asks of derivatives are products with these slopes.
 """
 
-import contextlib
-import functools
-import json
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from .._files import written_atomically
+from ..simulation.sharding import program
 
-Residuals = Float[np.ndarray, " residuals"]
-Jacobian = Float[np.ndarray, "residuals numbers"]
 Numbers = Float[np.ndarray, " numbers"]
-Linearize = Callable[[Numbers], tuple[Residuals, Jacobian]]
-"""Point to residuals, whose squares are summed, and their slopes."""
+Linearize = Callable[
+    [Float[Array, " numbers"]],
+    tuple[Float[Array, " residuals"], Float[Array, "residuals numbers"]],
+]
+"""Point to residuals, whose squares are summed, and their slopes; a pytree."""
 
 CONVERGED = "converged"
 
-_DAMPING = 0.1  # of the largest curvature at the start
-_FLAT = 1e-12  # a curvature, where there is none at all
+_GAIN = 10.0  # of residuals and slopes, told the solver
 
 
 class NoFitError(ValueError):
@@ -40,41 +35,14 @@ class NoFitError(ValueError):
 class Found(NamedTuple):
     """Where a search ended.
 
-    - `point`, `cost`: the best point, and its sum of squares.
+    - `point`: the best one that it saw.
     - `steps`: how often residuals were measured.
     - `why`: `"converged"`, or in words why not.
     """
 
     point: Numbers
-    cost: float
     steps: int
     why: str
-
-
-def _affine(point: Array, at: tuple) -> tuple[Array, None]:
-    origin, residuals, slopes = at
-    return residuals + slopes @ (point - origin), None
-
-
-@functools.cache
-def _solver(tolerance: float) -> Any:
-    return optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-
-
-@functools.cache
-def _fresh_state(solver: Any, numbers: int, residuals: int, dtype: jnp.dtype) -> Any:
-    """State before the first step; made once, for to compile is to know it again."""
-    nowhere = jnp.zeros(numbers, dtype)
-    shape = jax.ShapeDtypeStruct((residuals,), dtype)
-    at = (nowhere, jnp.zeros(residuals, dtype), jnp.zeros((residuals, numbers), dtype))
-    return solver.init(_affine, nowhere, at, {}, shape, None, frozenset())
-
-
-@eqx.filter_jit
-def _step(solver: Any, point: Array, at: tuple, state: Any) -> tuple:
-    point, state, _ = solver.step(_affine, point, at, {}, state, frozenset())
-    is_done, result = solver.terminate(_affine, point, at, {}, state, frozenset())
-    return point, state, is_done, result
 
 
 def least_squares(
@@ -86,70 +54,73 @@ def least_squares(
 ) -> Found:
     """Minimise a sum of squares from a start.
 
-    **Arguments:** `tolerance`: of the point and of the residuals, relative and
-    absolute, between accepted steps.
+    **Arguments:**
 
-    **Errors:** `NoFitError` where a residual is not finite.
+    - `linearize`: its arrays are leaves, so that others of the same shapes compile
+      once. Curvatures, sums of squared slopes, should be of the order of 0.1.
+    - `tolerance`: of the point, relative and absolute, between accepted steps; of the
+      residuals too, ten times as large.
 
-    **Source:** Levenberg-Marquardt as in `optimistix`, first damped in proportion to
-    the largest curvature: Madsen, Nielsen and Tingleff, "Methods for Non-Linear Least
-    Squares Problems", 2004, section 3.2.
+    **Errors:** `NoFitError` where residuals or slopes at the start are not finite.
+
+    **Source:** Levenberg-Marquardt with a trust region, of `optimistix`.
     """
-    solver = _solver(tolerance)
     # In JAX's own precision: the solver's other numbers have it.
-    dtype = jnp.result_type(float)
-    point = jnp.asarray(start, dtype)
-    asked, state, why = point, None, ""
-    costs: dict[bytes, float] = {}
-    for _ in range(most_steps):
-        residuals, slopes = linearize(np.asarray(asked))
-        if not (np.isfinite(residuals).all() and np.isfinite(slopes).all()):
-            raise NoFitError("the search met a curve that gives no finite number.")
-        costs[np.asarray(asked).tobytes()] = float(np.sum(np.square(residuals)))
-        at = (asked, jnp.asarray(residuals, dtype), jnp.asarray(slopes, dtype))
-        if state is None:
-            fresh = _fresh_state(solver, *slopes.shape[::-1], dtype)
-            # The solver's own first damping, 1, is far above our curvatures.
-            steepest = max(float(np.sum(np.square(slopes), axis=0).max()), _FLAT)
-            trusted = jnp.asarray(1 / (_DAMPING * steepest), dtype)
-            where = lambda s: (s.y_eval, s.search_state.step_size)
-            state = eqx.tree_at(where, fresh, (point, trusted))
-        point, state, is_done, result = _step(solver, point, at, state)
-        asked = state.y_eval
-        if bool(is_done):
-            is_good = bool(result == optimistix.RESULTS.successful)
-            why = CONVERGED if is_good else optimistix.RESULTS[result]
-            break
-    else:
-        why = f"stopped after {most_steps} steps"
-    found = np.asarray(point)
-    return Found(found, costs[found.tobytes()], len(costs), why)
+    begun = jnp.asarray(start, jnp.result_type(float))
+    point, steps, result, is_good = _solved(
+        linearize, begun, tolerance=tolerance, most_steps=most_steps
+    )
+    if not is_good:
+        raise NoFitError("the search met a curve that gives no finite number.")
+    why = CONVERGED
+    if result == optimistix.RESULTS.nonlinear_max_steps_reached:
+        why = f"stopped after {steps} steps"
+    elif result != optimistix.RESULTS.successful:
+        why = optimistix.RESULTS[result]
+    return Found(np.asarray(point), int(steps), why)
 
 
-class Journal:
-    """Finished searches of one fit, in a file."""
+@program("tolerance", "most_steps")
+def _solved(
+    linearize: Linearize,
+    start: Float[Array, " numbers"],
+    *,
+    tolerance: float,
+    most_steps: int,
+) -> tuple[Array, Array, optimistix.RESULTS, Array]:
+    """Return the point, the steps, how it ended, and whether its start is finite."""
 
-    def __init__(self, path: Path | None, key: str):
-        self._path, self._key = path, key
-        self._found: dict[str, list] = {}
-        if path is not None:
-            # One that cannot be read is as good as none: the fit begins anew.
-            with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-                content = json.loads(path.read_text(encoding="utf-8"))
-                if content["key"] == key:
-                    self._found = dict(content["found"])
+    # One piece to JAX, which else splits the sessions' loops into what does and what
+    # does not depend on the tangents, and takes fifty times as long.
+    @jax.custom_batching.sequential_vmap
+    def with_slopes(point: Array, linearize: Linearize) -> tuple[Array, Array]:
+        found, slopes = linearize(point)
+        # Points with NaN in either are never accepted; that at the start is seen.
+        is_finite = jnp.isfinite(found).all() & jnp.isfinite(slopes).all()
+        # The solver's first damping is 1: a tenth of the curvatures, so enlarged.
+        return jnp.where(is_finite, _GAIN * found, jnp.nan), _GAIN * slopes
 
-    def find(self, weight: float) -> Found | None:
-        """Return a search that was finished before."""
-        if (kept := self._found.get(repr(weight))) is None:
-            return None
-        point, *rest = kept
-        return Found(np.asarray(point), *rest)
+    @jax.custom_jvp
+    def residuals(point: Array, linearize: Linearize) -> Array:
+        return with_slopes(point, linearize)[0]
 
-    def keep(self, weight: float, found: Found) -> None:
-        """Keep a finished search."""
-        self._found[repr(weight)] = [found.point.tolist(), *found[1:]]
-        if self._path is not None:
-            with written_atomically(self._path) as unfinished:
-                content = {"key": self._key, "found": self._found}
-                unfinished.write_text(json.dumps(content), encoding="utf-8")
+    @residuals.defjvp
+    def _(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        found, slopes = with_slopes(*primals)
+        return found, slopes @ tangents[0]
+
+    def told(point: Array, linearize: Linearize) -> tuple[Array, Array]:
+        found = residuals(point, linearize)
+        return found, jnp.isfinite(found).all()
+
+    solution = optimistix.least_squares(
+        told,
+        optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance),
+        start,
+        args=linearize,
+        has_aux=True,
+        max_steps=most_steps,
+        throw=False,
+    )
+    steps = solution.stats["num_steps"]
+    return solution.value, steps, solution.result, solution.aux

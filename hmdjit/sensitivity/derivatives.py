@@ -30,7 +30,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from .. import _checks
@@ -40,10 +39,11 @@ from ..frames.displacement import Reading
 from ..frames.motion import Motion
 from ..frames.sources import Texture
 from ..head_motion import HeadMotion
+from ..metrics import MTCD
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.session import session
-from ..simulation.sharding import mesh, over_devices, placed, program
+from ..simulation.sharding import over_sessions, placed
 from ..simulation.simulate import check_texture
 from ..studies.failures import FailedSessionsError
 from ..studies.measured_blocks import Measurement, Tiles
@@ -131,7 +131,7 @@ def differentiate(
         seed, numbers.head, camera, measure, sessions, length, dtype=dtype
     ).batch(0, sessions)
     runner = Runner(camera, measure, techniques, warmup, batch_size, drawn)
-    halos = [int(runner.halo(technique, drawn).max()) for technique in techniques]
+    halos = [int(runner.halo([technique], drawn).max()) for technique in techniques]
 
     total, done = 2 * len(scenes) * sessions, 0
     found = []
@@ -209,13 +209,10 @@ def _batch(
 ) -> Float[np.ndarray, "sessions columns"]:
     """MTCD of some sessions, and next to it its derivatives."""
     padded = np.resize(index, size)  # to compile once
-    value, gradient = _differentiated(
-        key,
-        texture,
-        parameters,
-        jnp.asarray(padded, jnp.int32),
-        drawn.origins[padded],
-        mesh=mesh(),
+    value, gradient = over_sessions(
+        _differentiated,
+        (key, texture, parameters),
+        (jnp.asarray(padded, jnp.int32), drawn.origins[padded]),
         **static,
     )
     leaves = [value, *jax.tree.leaves(gradient)]
@@ -223,58 +220,48 @@ def _batch(
     return np.concatenate(columns, axis=1)[: len(index)]
 
 
-@program("mesh", "role", "block", "halo", "frames", "warmup")
 def _differentiated(
-    key: RandomKey,
-    texture: Texture,
-    parameters: Parameters,
-    index: Int[Array, " sessions"],
-    origins: Int[Array, "sessions blocks 2"],
+    shared: tuple[RandomKey, Texture, Parameters],
+    mine: tuple[Int[Array, ""], Int[Array, "blocks 2"]],
     *,
-    mesh: Mesh,
     role: str,
     block: tuple[int, int],
     halo: int,
     frames: int,
     warmup: int,
 ) -> tuple[Array, Parameters]:
-    """MTCD of sessions, mapped one by one, and its gradient in each number."""
+    """MTCD of a session, and its gradient in each number."""
+    (key, texture, parameters), (index, origins) = shared, mine
+    session_key = session_keys(key, index).head
+    numbers, rest = eqx.partition(parameters, eqx.is_inexact_array)
 
-    def one_session(shared: tuple, mine: tuple) -> tuple[Array, Parameters]:
-        key, texture, parameters = shared
-        session_key = session_keys(key, mine[0]).head
-        numbers, rest = eqx.partition(parameters, eqx.is_inexact_array)
+    def path(numbers: Parameters) -> Motion:
+        head, rate_hz = numbers.head, numbers.camera.refresh_hz
+        head = eqx.combine(head, rest.head)
+        return Motion.of(head.sample(session_key, rate_hz, warmup + frames))
 
-        def path(numbers: Parameters) -> Motion:
-            head, rate_hz = numbers.head, numbers.camera.refresh_hz
-            head = eqx.combine(head, rest.head)
-            return Motion.of(head.sample(session_key, rate_hz, warmup + frames))
+    # A path serves all blocks: it is drawn, and differentiated, once.
+    motion, pull = jax.vjp(path, numbers)
 
-        # A path serves all blocks: it is drawn, and differentiated, once.
-        motion, pull = jax.vjp(path, numbers)
+    def one_block(origin: Int[Array, "2"]) -> tuple:
+        def mtcd(numbers: Parameters, motion: Motion) -> Scalar:
+            now = eqx.combine(numbers, rest)
+            (found,) = session(
+                texture,
+                now.camera,
+                (getattr(now, role),),
+                motion,
+                *regions(now.camera, origin, block, halo),
+                warmup=warmup,
+                reading=_PLAIN,
+                metrics=(MTCD(),),
+            )
+            return jnp.asarray(found.mtcd)
 
-        def one_block(origin: Int[Array, "2"]) -> tuple:
-            def mtcd(numbers: Parameters, motion: Motion) -> Scalar:
-                now = eqx.combine(numbers, rest)
-                found = session(
-                    texture,
-                    now.camera,
-                    getattr(now, role),
-                    motion,
-                    *regions(now.camera, origin, block, halo),
-                    warmup=warmup,
-                    reading=_PLAIN,
-                    detail_loss=False,
-                )
-                return jnp.asarray(found.mtcd)
+        return jax.value_and_grad(mtcd, (0, 1))(numbers, motion)
 
-            return jax.value_and_grad(mtcd, (0, 1))(numbers, motion)
-
-        of_blocks = jax.lax.map(one_block, mine[1])
-        mean = partial(jnp.mean, axis=0)
-        value, (direct, of_motion) = jax.tree.map(mean, of_blocks)
-        (through_path,) = pull(of_motion)
-        return value, jax.tree.map(jnp.add, direct, through_path)
-
-    shared = (key, texture, parameters)
-    return over_devices(one_session, shared, (index, origins), mesh)
+    of_blocks = jax.lax.map(one_block, origins)
+    mean = partial(jnp.mean, axis=0)
+    value, (direct, of_motion) = jax.tree.map(mean, of_blocks)
+    (through_path,) = pull(of_motion)
+    return value, jax.tree.map(jnp.add, direct, through_path)

@@ -36,8 +36,8 @@ from ..techniques.base import AbstractTechnique
 from .derivatives import Parameters, SessionDerivatives, differentiate
 
 
-class Row(NamedTuple):
-    """A parameter in the table; see `Sensitivities`."""
+class Sensitivity(NamedTuple):
+    """One parameter, a line of the table; see `Sensitivities`."""
 
     name: str
     value: float
@@ -80,12 +80,14 @@ class Sensitivities:
     sessions: SessionDerivatives
     about: str = ""
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[Sensitivity]:
         """One row per parameter, in the order of the fields of `Parameters`."""
         numbers = (self.derivative, self.standard_error, self.low, self.high)
         columns = (values.tolist() for values in numbers)
         named = (self.names, self.values.tolist(), self.per)
-        return [Row(*row) for row in zip(*named, *columns, self.signs, strict=True)]
+        return [
+            Sensitivity(*row) for row in zip(*named, *columns, self.signs, strict=True)
+        ]
 
 
 def sensitivities(

@@ -47,48 +47,6 @@ def placed(texture: Texture) -> Texture:
     return jax.device_put(texture, NamedSharding(mesh(), Spec()))
 
 
-def over_sessions(
-    one: Callable[..., Any], shared: Any, items: Any, **static: Any
-) -> Any:
-    """Apply a function to each session; a device maps over its own, one by one.
-
-    Compiled once per function, `static` and shapes, with the `compiler_options`.
-
-    **Arguments:**
-
-    - `one`: takes what all sessions share, one session's item, and `static` by name;
-      a function of a module, for a new one is compiled anew.
-    - `shared`, `items`: any trees; the arrays of `items` have a leading axis.
-    - `static`: hashable.
-    """
-    names = tuple(sorted(static.items()))
-    return _compiled(one, names, mesh())(shared, items)
-
-
-@functools.cache
-def _compiled(
-    one: Callable[..., Any], static: tuple[tuple[str, Any], ...], mesh: Mesh
-) -> Callable[[Any, Any], Any]:
-    def many(shared: Any, items: Any) -> Any:
-        return jax.lax.map(lambda item: one(shared, item, **dict(static)), items)
-
-    split = Spec(mesh.axis_names)
-    sharded = jax.shard_map(
-        many, mesh=mesh, in_specs=(Spec(), split), out_specs=split, check_vma=False
-    )
-
-    def all_of_them(shared: Any, items: Any) -> Any:
-        count = jax.tree.leaves(items)[0].shape[0]
-        each = -(-count // mesh.size)
-        if each * mesh.size > count:  # each device is given as many
-            repeated = np.arange(each * mesh.size, dtype=np.int32) % count
-            items = jax.tree.map(lambda leaf: leaf[repeated], items)
-        found = sharded(shared, items)
-        return jax.tree.map(lambda leaf: leaf[:count], found)
-
-    return jax.jit(all_of_them, compiler_options=compiler_options())
-
-
 def over_devices(
     one: Callable[[Any, Any], Any], shared: Any, items: Any, mesh: Mesh
 ) -> Any:
@@ -142,3 +100,31 @@ class Program:
 def program(*static: str) -> Callable[[Callable], Program]:
     """Decorate a function to be compiled as a `Program`; `static` names arguments."""
     return lambda function: Program(function, *static)
+
+
+@program("one", "static", "mesh")
+def _over_sessions(
+    shared: Any,
+    items: Any,
+    *,
+    one: Callable[..., Any],
+    static: tuple[tuple[str, Any], ...],
+    mesh: Mesh,
+) -> Any:
+    return over_devices(functools.partial(one, **dict(static)), shared, items, mesh)
+
+
+def over_sessions(
+    one: Callable[..., Any], shared: Any, items: Any, **static: Any
+) -> Any:
+    """Apply a function to each session, on all devices, in one compiled program.
+
+    **Arguments:**
+
+    - `one`: takes what all sessions share, one session's item, and `static` by name;
+      a function of a module, for a new one is compiled anew.
+    - `shared`, `items`: any trees; the arrays of `items` have a leading axis.
+    - `static`: hashable.
+    """
+    pairs = tuple(sorted(static.items()))
+    return _over_sessions(shared, items, one=one, static=pairs, mesh=mesh())

@@ -161,7 +161,7 @@ class Bench:
                 wide = lambda leaf: jnp.asarray(np.asarray(leaf, np.float64))
                 batch = batch._replace(motion=jax.tree.map(wide, batch.motion))
             start = time.perf_counter()
-            result = runner.run(case.technique, texture, batch)
+            (result,) = runner.run([case.technique], texture, batch)
         return result, time.perf_counter() - start
 
 

@@ -235,7 +235,8 @@ def cases(
         for setting in chosen
         for technique in techniques
         # What reads no history does not know how it is read.
-        if technique.remembers or setting.knob != "history filter"
+        if setting.knob != "history filter"
+        or not isinstance(technique, AbstractSpatial)
     ]
     for technique in _distinct(also):
         if technique.id not in ids:

@@ -5,7 +5,8 @@ in the numbers of a curve are by forward mode, for they are few: a session keeps
 picture per number beside its own, however many frames it has.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from ..frames.displacement import Reading
 from ..frames.motion import Motion
 from ..frames.sources import Texture
 from ..simulation.session import Result, session
-from ..simulation.sharding import over_devices, program
+from ..simulation.sharding import over_devices, placed, program
 from ..studies.runner import regions
 from ..studies.sessions import Batch
 from ..techniques import HeadMovement
@@ -31,8 +32,8 @@ TURN_DEG, TURN_S = 4.0, 0.15
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
-Values = Float[Array, "sessions measures"]
-Slopes = Float[Array, "sessions measures numbers"]
+Values = Float[Array, "scenes sessions measures"]
+Slopes = Float[Array, "scenes sessions measures numbers"]
 
 
 def turned(batch: Batch, refresh_hz: float, warmup: int) -> Batch:
@@ -81,71 +82,91 @@ class Viewing(eqx.Module):
     mesh: Mesh = eqx.field(static=True)
 
 
-class _Item(NamedTuple):
-    motion: Motion
-    turned: Motion | None
-    origin: Int[Array, "2"]
+def stacked(textures: Sequence[Texture]) -> Texture:
+    """Textures of several scenes as one, on all devices."""
+    return placed(jax.tree.map(lambda *leaves: jnp.stack(leaves), *textures))
+
+
+def one_of(textures: Texture, scene: int) -> Texture:
+    """Texture of one scene of several."""
+    return jax.tree.map(lambda leaf: leaf[scene], textures)
 
 
 @program()
 def values(
-    space: CurveSpace, point: Point, texture: Texture, viewing: Viewing
+    space: CurveSpace, point: Point, textures: Texture, viewing: Viewing
 ) -> Values:
     """Return what sessions measure with the curve of a point.
+
+    **Arguments:** `textures`: of several scenes, `stacked`.
 
     **Returns:** MTCD in code values, then detail loss and, where there are turned
     paths, the detail loss after a turn, in code values squared.
     """
-    return _over_sessions(space, point, texture, viewing)[0]
 
-
-@program()
-def values_and_slopes(
-    space: CurveSpace, point: Point, texture: Texture, viewing: Viewing
-) -> tuple[Values, Slopes]:
-    """Return `values`, and their derivative in the numbers of the point."""
-    return _over_sessions(space, point, texture, viewing, has_slopes=True)
-
-
-def _over_sessions(
-    space: CurveSpace,
-    point: Point,
-    texture: Texture,
-    viewing: Viewing,
-    *,
-    has_slopes: bool = False,
-) -> tuple[Values, Values | Slopes]:
-    block = (viewing.tile_px, viewing.tile_px)
-
-    def one(shared: tuple, item: _Item) -> tuple[Array, Array]:
+    def one(shared: tuple, item: tuple) -> Array:
         point, camera, texture = shared
-        whole, measured = regions(camera, item.origin, block, viewing.halo_px)
+        return _measured(space.technique(point), camera, texture, item, viewing)
 
-        def measure(technique: HeadMovement, motion: Motion) -> Result:
-            return session(
-                texture,
-                camera,
-                technique,
-                motion,
-                whole,
-                measured,
-                warmup=viewing.warmup,
-                reading=viewing.reading,
-            )
+    return _in_each(one, point, textures, viewing)
+
+
+def values_and_slopes(
+    space: CurveSpace, point: Point, textures: Texture, viewing: Viewing
+) -> tuple[Values, Slopes]:
+    """Return `values`, and their derivative in the numbers of the point; not jitted."""
+
+    def one(shared: tuple, item: tuple) -> tuple[Array, Array]:
+        at, camera, texture = shared
 
         def of(point: Point) -> tuple[Array, Array]:
-            technique = space.technique(point)
-            still = measure(technique, item.motion)
-            found = [still.mtcd, still.detail_loss]
-            if item.turned is not None:
-                found.append(measure(technique, item.turned).detail_loss)
-            return jnp.stack(found), jnp.stack(found)
+            curve = space.technique(point)
+            found = _measured(curve, camera, texture, item, viewing)
+            return found, found
 
-        if not has_slopes:
-            return of(point)
-        slopes, found = jax.jacfwd(of, has_aux=True)(point)
+        slopes, found = jax.jacfwd(of, has_aux=True)(at)
         return found, slopes
 
-    shared = (point, viewing.camera, texture)
-    items = _Item(viewing.motion, viewing.turned, viewing.origins)
-    return over_devices(one, shared, items, viewing.mesh)
+    return _in_each(one, point, textures, viewing)
+
+
+def _in_each(one: Callable, point: Point, textures: Texture, viewing: Viewing) -> Any:
+    """Apply a function to each scene, and in it to each session."""
+    items = (viewing.motion, viewing.turned, viewing.origins)
+
+    def of_scene(texture: Texture) -> Any:
+        shared = (point, viewing.camera, texture)
+        return over_devices(one, shared, items, viewing.mesh)
+
+    return jax.lax.map(of_scene, textures)
+
+
+def _measured(
+    technique: HeadMovement,
+    camera: Camera,
+    texture: Texture,
+    item: tuple[Motion, Motion | None, Int[Array, "2"]],
+    viewing: Viewing,
+) -> Float[Array, " measures"]:
+    """Measure one session; of `viewing` only what is static."""
+    motion, turned, origin = item
+    block = (viewing.tile_px, viewing.tile_px)
+    places = regions(camera, origin, block, viewing.halo_px)
+
+    def measure(motion: Motion) -> Result:
+        (found,) = session(
+            texture,
+            camera,
+            (technique,),
+            motion,
+            *places,
+            warmup=viewing.warmup,
+            reading=viewing.reading,
+        )
+        return found
+
+    still = measure(motion)
+    found = [still.mtcd, still.detail_loss]
+    if turned is not None:
+        found.append(measure(turned).detail_loss)
+    return jnp.stack(found)
