@@ -18,7 +18,7 @@ import pytest
 from extremes import bad_leaves, cast, poses_of_turn, techniques, wandering_poses
 
 import hmdjit as hj
-from hmdjit import camera_bounds, curves, metrics, quaternion, scenes, theory
+from hmdjit import camera_bounds, curves, metrics, quaternion, scenes
 from hmdjit.camera import Camera, Region
 from hmdjit.envelope.arguments import ANGLES, RATES_HZ, TIMES_S, unit
 from hmdjit.frames.displacement import GATHER
@@ -29,6 +29,7 @@ from hmdjit.head_motion import HeadMotion
 from hmdjit.head_motion.parameters import Amplitude, Resonator
 from hmdjit.techniques import HeadMovement, NoAntialiasing
 from hmdjit.theory.picture_statistics import PictureStatistics
+from hmdjit.theory.prediction import predict
 
 SINGLE, BOTH = ["float32"], ["float32", "float64"]
 DISPLAY = Camera(48, 48, 6.0, 60.0)
@@ -120,9 +121,7 @@ def test_gradients_of_predictions_are_numbers(memory, dtype):
     def flicker(arguments):
         statistics, technique, turn_rad = arguments
         motion = Motion.of(poses_of_turn(turn_rad))
-        found = theory.prediction.predict(
-            statistics, DISPLAY, technique, motion, memory=memory
-        )
+        found = predict(statistics, DISPLAY, technique, motion, memory=memory)
         return jnp.mean(found)
 
     for technique in (NoAntialiasing(), *techniques()["one past sample"]):
@@ -289,7 +288,9 @@ def test_sessions_keep_a_few_vectors_per_frame_and_no_picture():
                 texture, DISPLAY, HeadMovement(), poses, region=REGION, reading=GATHER
             )
         )
-        return session.lower(given).compile().memory_analysis().temp_size_in_bytes
+        used = session.lower(given).compile().memory_analysis()
+        assert used is not None
+        return used.temp_size_in_bytes
 
     # A picture that were kept would have 1,728 bytes per frame.
     assert (working_bytes(100_000) - working_bytes(1_000)) / 99_000 <= 256

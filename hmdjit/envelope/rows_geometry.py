@@ -22,7 +22,7 @@ from ..frames.motion import rebased_motion
 from ..reprojection import past_position
 from . import arguments as of
 from . import exact_geometry as exact
-from .engine import Bound, Row, eps, mp, own_size
+from .row import Bound, Row, eps, mp, own_size
 
 _PINHOLE, _SMALL = exact.Pinhole(of.WIDTH, of.HEIGHT), exact.Pinhole(3, 2)
 _ANY, _PAIR, _PATH = [of.rotation()], [of.two_poses()], [of.PATH]
