@@ -205,9 +205,15 @@ def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
 
 
 def describe(arguments: Inputs) -> str:
-    """Write inputs in one line; arrays so that they can be typed in again."""
+    """Write inputs in one line; small arrays so that they can be typed in again."""
     texts = []
     for x in arguments:
-        numbers = x.tolist() if isinstance(x, np.ndarray | np.generic) else x
-        texts.append(" ".join(str(numbers).split()))
+        if isinstance(x, np.ndarray | np.generic):
+            is_small, ends = x.size <= 100, (float(np.min(x)), float(np.max(x)))
+            x = (
+                x.tolist()
+                if is_small
+                else f"{x.shape} numbers, {ends[0]!r} to {ends[1]!r}"
+            )
+        texts.append(" ".join(str(x).split()))
     return " ".join(texts)
