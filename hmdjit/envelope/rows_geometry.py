@@ -94,7 +94,7 @@ def _is_in_front(fov: Any, turn: Any, pixel: Any) -> bool:
 
 
 def _own_or_to_180(arguments: Inputs, index: int) -> float:
-    """Unit of slopes that cancel, of a roll: a wide view's focal length goes to 0."""
+    """Return the unit of slopes, which a roll cancels: of wide views f goes to 0."""
     size = own_size(arguments, index)
     return size if index else min(size, 180.0 - size)
 
