@@ -105,8 +105,8 @@ FOLDERS = {
         ("fitting",),
     ],
     "envelope": [
-        ("engine",),
-        ("exact_geometry",),
+        ("row",),
+        ("engine", "exact_geometry"),
         ("exact_pictures", "exact_heads", "exact_estimates", "arguments"),
         ("rows_geometry", "rows_pictures", "rows_heads", "rows_estimates"),
         ("table",),

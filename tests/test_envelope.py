@@ -14,8 +14,8 @@ from hmdjit import HeadMotion, quaternion
 from hmdjit.cli import main as cli
 from hmdjit.envelope import engine
 from hmdjit.envelope import exact_geometry as exact
-from hmdjit.envelope.engine import Argument, Bound
 from hmdjit.envelope.exact_heads import transition
+from hmdjit.envelope.row import DTYPES, Argument, Bound, Row, Sized, mp
 from hmdjit.envelope.table import ROWS
 from hmdjit.reports import envelope as report
 
@@ -75,7 +75,7 @@ def test_names_are_unique_and_every_row_states_a_bound_and_a_range():
     assert len(BY_NAME) == len(ROWS) >= 60
     for row in ROWS:
         assert row.bounds
-        assert set(row.bounds) <= set(engine.DTYPES)
+        assert set(row.bounds) <= set(DTYPES)
         assert row.over
 
 
@@ -129,7 +129,7 @@ def test_the_quick_form_has_inputs_of_both_kinds_where_they_alternate():
         return [n]
 
     number = Argument("", lambda rng, dtype, n: float(n))
-    measured(engine.Row(lambda n: n, oracle, [number], {"float32": Bound(1)}, name="n"))
+    measured(Row(lambda n: n, oracle, [number], {"float32": Bound(1)}, name="n"))
     assert {tried[0], tried[-1]} == {0, 49}
     assert min(sum(n % 2 == odd for n in tried) for odd in (0, 1)) > len(tried) // 4
 
@@ -140,9 +140,9 @@ def test_an_error_counts_by_the_largest_entry_or_by_its_own():
     bounds = {"float32": Bound(1e-4)}
     for oracle, error in [
         (lambda x: [x, x / 1000], 1e-4),
-        (lambda x: engine.Sized([x, x / 1000], [x, x / 1000]), 0.1),
+        (lambda x: Sized([x, x / 1000], [x, x / 1000]), 0.1),
     ]:
-        row = engine.Row(off, oracle, [one], bounds, "relative", "off", count=1)
+        row = Row(off, oracle, [one], bounds, "relative", "off", count=1)
         assert measured(row).error == pytest.approx(error, rel=1e-3)
 
 
@@ -157,7 +157,7 @@ def test_a_seed_gives_the_same_rows_and_another_gives_others():
 def test_the_worst_input_gives_the_worst_error_again():
     row = measured(BY_NAME["quaternion.exp"])
     rotation = np.array(eval(row.worst), np.float32)
-    with engine.mp.workdps(engine.DIGITS):
+    with mp.workdps(engine.DIGITS):
         answer = exact.exp(engine.exact_numbers(rotation))
         ours = np.asarray(quaternion.exp(jnp.asarray(rotation)), float)
         gap = max(engine.distances(ours, answer))
@@ -199,8 +199,8 @@ def test_a_seed_must_be_a_whole_number(capsys):
 
 def test_the_oracle_of_a_discretised_process_obeys_its_differential_equation():
     # An independent check of the one oracle that is not a textbook's line.
-    mpf = engine.mp.mpf
-    with engine.mp.workdps(50):
+    mpf = mp.mpf
+    with mp.workdps(50):
         drift = np.array([[mpf("-0.3"), mpf(2)], [mpf(-1), mpf("-0.7")]], object)
         step, at = mpf(10) ** -15, mpf("0.8")
         sides = [transition(drift, mpf(3), at + move) for move in (step, -step)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hmdjit.envelope import engine, exact_estimates
-from hmdjit.envelope.engine import mp
+from hmdjit.envelope.row import mp
 from hmdjit.envelope.rows_estimates import ESTIMATES
 from hmdjit.estimates import estimate as estimates
 from hmdjit.estimates import intervals

@@ -9,7 +9,6 @@ hundred thousand frames must not add up.
 
 import functools
 import math
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -29,8 +28,8 @@ from hmdjit.frames.sources import History
 from hmdjit.head_motion import HeadMotion
 from hmdjit.head_motion.parameters import Amplitude, Resonator
 from hmdjit.techniques import HeadMovement, NoAntialiasing
-from hmdjit.theory import prediction
 from hmdjit.theory.picture_statistics import PictureStatistics
+from hmdjit.theory.prediction import predict
 
 SINGLE, BOTH = ["float32"], ["float32", "float64"]
 DISPLAY = Camera(48, 48, 6.0, 60.0)
@@ -122,9 +121,7 @@ def test_gradients_of_predictions_are_numbers(memory, dtype):
     def flicker(arguments):
         statistics, technique, turn_rad = arguments
         motion = Motion.of(poses_of_turn(turn_rad))
-        found = prediction.predict(
-            statistics, DISPLAY, technique, motion, memory=memory
-        )
+        found = predict(statistics, DISPLAY, technique, motion, memory=memory)
         return jnp.mean(found)
 
     for technique in (NoAntialiasing(), *techniques()["one past sample"]):
@@ -291,8 +288,9 @@ def test_sessions_keep_a_few_vectors_per_frame_and_no_picture():
                 texture, DISPLAY, HeadMovement(), poses, region=REGION, reading=GATHER
             )
         )
-        memory: Any = session.lower(given).compile().memory_analysis()
-        return memory.temp_size_in_bytes
+        used = session.lower(given).compile().memory_analysis()
+        assert used is not None
+        return used.temp_size_in_bytes
 
     # A picture that were kept would have 1,728 bytes per frame.
     assert (working_bytes(100_000) - working_bytes(1_000)) / 99_000 <= 256

@@ -151,7 +151,7 @@ def program(technique, texture):
     def run(offset, increment):
         motion = hj.Motion(offset, increment)
         return session.session(
-            texture, CAMERA, technique, motion, region, region, warmup=0
+            texture, CAMERA, (technique,), motion, region, region, warmup=0
         )
 
     zeros = jnp.zeros((FRAMES, 3))
@@ -167,15 +167,15 @@ def program(technique, texture):
 def test_a_program_holds_only_what_its_technique_needs(rng):
     texture = small.texture(rng)
     displayed, history = (3, HEIGHT, WIDTH), (1, 1, 3, HEIGHT, WIDTH)
-    sums = (2, 2)  # and what rounding took from them
+    sums = [(2, 2), (2, 2)]  # of a metric each, and what rounding took from them
     # Spatial techniques carry the displayed picture, for MTCD, and no history; how the
     # head turned since the last frame is not even an argument. What a history displays
     # is not carried twice.
-    assert program(NoAntialiasing(), texture) == (1, [displayed, sums])
-    assert program(SSAA(2), texture) == (1, [displayed, sums])
-    assert program(HeadMovement(), texture) == (2, [history, sums])
+    assert program(NoAntialiasing(), texture) == (1, [displayed, *sums])
+    assert program(SSAA(2), texture) == (1, [displayed, *sums])
+    assert program(HeadMovement(), texture) == (2, [history, *sums])
     linear = HeadMovement(space="linear")
-    assert program(linear, texture) == (2, [history, displayed, sums])
+    assert program(linear, texture) == (2, [history, displayed, *sums])
 
 
 @pytest.mark.slow

@@ -6,10 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..head_fitting import whittle
 from ..theory.picture_statistics import DIRECTIONS
 from . import exact_geometry as exact
-from .engine import Argument, Number, Rng
+from .row import Argument, Number, Rng
 
 WIDTH, HEIGHT = 1024, 768
 ANGLES = (
@@ -74,11 +73,6 @@ _FRACTIONS = (0.0, 1.0, 0.5, 1 / 3, 1e-6, 1 - 1e-6, -1.0, 2.0)
 FRACTION = uniform("fraction -1 to 2", *_FRACTIONS, high=1)
 EXPONENT = logarithmic("exponent 0.5 to 100", 0.5, 1, 2, 100, low=0.5, high=100)
 RATE = uniform("1 to 10,000 Hz", *RATES_HZ)
-LAG = logarithmic("lags 0, 1e-6 to 1e6 s", 0.0, low=1e-6, high=1e6)
-SHORT_LAG = logarithmic("lags 0, 1e-4 to 10 s", 0.0, low=1e-4, high=10)
-STEP = logarithmic("steps 1e-6 to 1e6 s", low=1e-6, high=1e6)
-_NYQUIST = (rate / 2 for rate in RATES_HZ)
-FREQUENCY = logarithmic("0 to 5000 Hz", 0.0, *_NYQUIST, low=1e-4, high=5e3)
 BASE = Argument("bases 2, 3, 5", lambda rng, dtype, n: (2, 3, 5)[n % 3])
 INDEX = Argument(
     "indices to 1e9",
@@ -282,70 +276,3 @@ def _displaced(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float, An
 DISPLACED = Argument(
     "0, 1e-15 to 1e6 px, before, between and beyond tabled lengths", _displaced
 )
-
-
-# --- heads and searches ---
-
-
-def _wander(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float, float]:
-    if n < 49:
-        return 10 ** rng.uniform(-4, 2), TIMES_S[n % 7], TIMES_S[n // 7]
-    return 1.0, *(10 ** rng.uniform(-6, 6, 2)).tolist()
-
-
-def _mode(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float, float]:
-    damping = (0.02, 0.05, 0.3, 1.0, 1.2, 2.0)[n % 6]
-    return 10 ** rng.uniform(-4, 2), 10 ** rng.uniform(-1, 2), damping
-
-
-def _bursts(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, ...]:
-    """Wander, or rest; a tracker that is silent, quiet, or louder than the turns."""
-    speed, time, back = _wander(rng, dtype, 2 * n)
-    noise = (0.0, 1e-3, 1.0)[n % 3] * speed / 60
-    sd = (0.4, 0.0, 1e-6, 1.0)[n % 4]
-    bursts = (0.4, 1e-6, 1e6, 10 ** rng.uniform(-6, 6))[n // 4 % 4]
-    return speed * (n % 10 != 9), time, back, noise, sd, bursts
-
-
-def _stiff(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
-    if n % 2:
-        low, high = np.sort(10 ** rng.uniform(-6, 6, 2))
-        return np.array([[-low, high], [0.0, -high]]), 2 * high
-    # A mode rings on for 1 / damping radians: longer ones lose more.
-    w, z = 10 ** rng.uniform(-2, 3), rng.choice([0.05, 0.3, 1.0, 2.0])
-    return np.array([[0.0, w], [-w, -2 * z * w]]), 4 * z * w
-
-
-WANDER = Argument("times 1e-6 to 1e6 s either way round", _wander)
-MODE = Argument("0.1 to 100 Hz, damping 0.02 to 2", _mode)
-BURSTS = Argument("times 1e-6 to 1e6 s, bursts of 0 to 1; at rest", _bursts)
-STIFF = Argument("wander and modes, |drift| dt to 1e12", _stiff)
-
-
-FRAMES = Argument("lags 0 to 10", lambda rng, dtype, n: np.int32((0, 1, 2, 10)[n % 4]))
-SAMPLED = Argument(
-    "0 Hz to half the rate, 1 to 10,000 Hz",
-    lambda rng, dtype, n: (
-        (0.0, 1e-6, 1.0, rng.random(), 10 ** rng.uniform(-4, 0))[n % 5]
-        * RATES_HZ[n // 5 % 5]
-        / 2,
-        RATES_HZ[n // 5 % 5],
-    ),
-)
-LOG_BOUNDS = Argument(
-    "1.6 to 1000 Hz",
-    lambda rng, dtype, n: whittle.log_bounds(1, (1.6, 30.0, 90.0, 1000.0)[n % 4]),
-)
-
-
-def coordinates(shape: int | tuple[int, ...]) -> Argument:
-    """Coordinates of a search: all at an extreme, one of them, and a random mix."""
-    spread = [x for x in COORDINATES if abs(x) != 46]  # where they stop to count
-
-    def draw(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
-        extreme, place = COORDINATES[n // 3 % 15], n // 3 % np.prod(shape)
-        alone = rng.normal(size=shape)
-        alone.flat[place] = extreme
-        return (np.full(shape, extreme), alone, rng.choice(spread, shape))[n % 3]
-
-    return Argument("coordinates 0, 1e-9 to 700, infinite", draw)

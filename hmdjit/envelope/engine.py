@@ -7,7 +7,6 @@ differentiation, against its central differences. A *measurement* is the largest
 of a row in one dtype, with the inputs that give it, and its bound.
 """
 
-import dataclasses
 import math
 import zlib
 from collections.abc import Callable, Sequence
@@ -16,129 +15,21 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from mpmath import mp as _context
 
-mp: Any = _context  # its types know too little
+from .row import DTYPES, Inputs, Row, Sized, mp
+
 DIGITS = 300
-DTYPES = ("float32", "float64")
-
 _STEP = mp.mpf(10) ** -45  # central differences err by the square, and cancel as much
 _LEAST_STEP = 1e-195  # of numbers of size 1 it leaves 100 digits
 _NOISE = 1e-100  # what differences of 300 digits are sure to
-Rng = np.random.Generator
-Inputs = tuple[Any, ...]
-Number = float | int
-
-
-class Bound(NamedTuple):
-    """Largest error: of the value, in the row's unit; of the gradient, in eps."""
-
-    value: Number
-    gradient: Number = math.nan
-
-
-def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
-    """Return the same bounds, in eps, for both dtypes."""
-    return dict.fromkeys(DTYPES, Bound(value, gradient))
-
-
-class Argument(NamedTuple):
-    """What an argument of a function may be, or several that belong together.
-
-    - `over`: the range in words.
-    - `draw`: the n-th of them in float64, from a generator, the dtype that it will be
-      rounded to, and n; several in a tuple. Extremes come at fixed n.
-    """
-
-    over: str
-    draw: Callable[[Rng, np.dtype, int], Any]
-
-
-class Sized(NamedTuple):
-    """An exact answer whose entries count by their own sizes, not by the largest."""
-
-    values: list
-    sizes: list
-
-
-def own_size(arguments: Inputs, index: int) -> float:
-    """Largest entry of an argument: by this much it may change."""
-    return float(np.max(np.abs(arguments[index])))
-
-
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """A function to hold against its exact answer.
-
-    - `function`: of JAX arrays, unbatched; of what is drawn, if `eager`.
-    - `oracle`: of the same arguments in mpmath numbers (arrays are arrays of them);
-      entries flattened, or `Sized`.
-    - `bounds`: by dtype; those it lacks are not measured.
-    - `unit`: `"eps"`: the error is relative to the answer's largest entry, in units of
-      the dtype's eps; `"relative"`: without it. Else errors are absolute, in that unit.
-    - `name`: by default the function's path.
-    - `floor`: answers below this count as this large.
-    - `slope_unit`: gradients below the answer over this count as this large: a number,
-      or from all arguments and the place of one. None: gradients have no floor.
-    - `wrt`: arguments to differentiate by; None is all that are floating.
-    - `kink`: tells where the answer has no derivative (ours must be finite).
-    - `kept`: tells which inputs are within the range, where arguments depend on others.
-    - `eager`: called input by input, not compiled and without a gradient: NumPy, and
-      what compiles by itself. What is drawn is not rounded.
-    - `count`, `quick`: how many inputs are drawn, and kept in the quick form.
-    """
-
-    function: Callable[..., Any]
-    oracle: Callable[..., Any]
-    arguments: Sequence[Argument]
-    bounds: dict[str, Bound]
-    unit: str = "eps"
-    name: str = ""
-    floor: float = 0.0
-    slope_unit: float | Callable[[Inputs, int], float] | None = None
-    wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] = lambda *arguments: False
-    kept: Callable[..., bool] = lambda *arguments: True
-    eager: bool = False
-    count: int = 50
-    quick: int = 24
-
-    def __post_init__(self):
-        if not self.name:
-            module = self.function.__module__.removeprefix("hmdjit.")
-            object.__setattr__(self, "name", f"{module}.{self.function.__name__}")
-
-    @property
-    def over(self) -> str:
-        """The ranges of all arguments in words."""
-        return "; ".join(dict.fromkeys(a.over for a in self.arguments if a.over))
-
-    def inputs(self, rng: Rng, dtype: np.dtype) -> list[Inputs]:
-        """Draw all inputs, rounded to a dtype."""
-        columns = []
-        for n, argument in enumerate(self.arguments):
-            drawn = [argument.draw(rng, dtype, k) for k in range(self.count)]
-            # Else extremes would only meet those of other arguments at the same n.
-            order = rng.permutation(self.count) if n else range(self.count)
-            columns.append([drawn[k] for k in order])
-        found = []
-        for parts in zip(*columns, strict=True):
-            each = [x for p in parts for x in (p if type(p) is tuple else (p,))]
-            if not self.eager:
-                arrays = [np.asarray(x) for x in each]
-                each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
-            found.append(tuple(each))
-        return [arguments for arguments in found if self.kept(*arguments)]
 
 
 class Measurement(NamedTuple):
     """What was found of a row in one dtype.
 
-    - `error`, `bound`: largest error in `unit`, and what it may be.
-    - `absolute`, `relative`: largest absolute error, and relative to the answer.
-    - `gradient`, `gradient_bound`: the same of the gradient, in eps; NaN where there is
-      none, infinite where one is not a number.
-    - `worst`, `worst_gradient`: the inputs that give them, of as many as `inputs`.
+    `error` is the largest in `unit`, that of the gradient in eps: NaN where there is
+    none, infinite where one is no number. `absolute` and `relative` are the largest
+    such errors; `worst`, `worst_gradient` the inputs that give them, of `inputs` many.
     """
 
     name: str
@@ -196,29 +87,19 @@ def measure_row(
             # Evenly, but not every second one: kinds of inputs alternate.
             places = np.linspace(0, len(inputs) - 1, row.quick).astype(int)
             inputs = [inputs[n] for n in places]
-        wrt: tuple[int, ...] = row.wrt or ()
-        if math.isnan(bound.gradient) or row.eager:
-            wrt = ()
-        elif row.wrt is None:
-            wrt = tuple(i for i, x in enumerate(inputs[0]) if x.dtype.kind == "f")
+        floating = [i for i, x in enumerate(inputs[0]) if _is_floating(x)]
+        wrt = tuple(floating if row.wrt is None else row.wrt)
+        wrt = () if math.isnan(bound.gradient) else wrt
         evaluated = _evaluated(row, inputs, wrt, quick)
         each = [
             _errors(row, np.finfo(dtype), arguments, wrt, *found)
             for arguments, found in zip(inputs, evaluated, strict=True)
         ]
-    worst = [
-        max(errors, key=lambda error: error[0]) for errors in zip(*each, strict=True)
-    ]
+    worst = (max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True))
     (error, where), (absolute, _), (relative, _), (gradient, place) = worst
     gradient = gradient if wrt else math.nan
-    numbers = (
-        error,
-        float(bound.value),
-        absolute,
-        relative,
-        gradient,
-        float(bound.gradient),
-    )
+    most, steepest = map(float, bound)
+    numbers = (error, most, absolute, relative, gradient, steepest)
     named = row.name, row.over, dtype, row.unit
     return Measurement(*named, *numbers, where, place, len(inputs), seed)
 
@@ -248,14 +129,12 @@ def _errors(
     exact = [exact_numbers(x) for x in arguments]
     least = max(float(number.tiny / number.eps), _NOISE**2)
     answer = row.oracle(*exact)
-    if is_sized := isinstance(answer, Sized):
-        answer, sizes = answer
-    else:
-        sizes = [max((abs(x) for x in answer if mp.isfinite(x)), default=0)] * len(
-            answer
-        )
+    is_sized = isinstance(answer, Sized)
+    values = answer.values if is_sized else answer
+    finite = [abs(x) for x in values if mp.isfinite(x)]
+    sizes = answer.sizes if is_sized else [max(finite, default=0)] * len(values)
     sizes = [max(size, row.floor, least) for size in sizes]
-    gaps = distances(ours, answer)
+    gaps = distances(ours, values)
     relative = max(gap / size for gap, size in zip(gaps, sizes, strict=True))
     kinds = {"eps": relative / number.eps, "relative": relative}
     where, worst = describe(arguments), [(0.0, "")]
@@ -264,9 +143,7 @@ def _errors(
             is_finite = all(np.isfinite(slope).all() for slope in slopes)
             worst.append((0.0 if is_finite else math.inf, where))
             continue
-        unit = (
-            row.slope_unit(arguments, i) if callable(row.slope_unit) else row.slope_unit
-        )
+        unit = row.slope_unit(arguments, i)
         floor = [size / max(unit, number.tiny) if unit else 0 for size in sizes]
         truth = _slope(row.oracle, exact, i)
         largest = np.abs(truth) if is_sized else np.max(np.abs(truth))
@@ -274,9 +151,8 @@ def _errors(
         for slope in slopes:
             gap = np.reshape(distances(slope, truth.ravel()), truth.shape)
             error = np.max(gap / divisor / number.eps)
-            worst.append(
-                (_float(error * (error > _NOISE)), f"{where}; by argument {i}")
-            )
+            error = _float(error * (error > _NOISE))
+            worst.append((error, f"{where}; by argument {i}"))
     judged = kinds.get(row.unit, max(gaps))
     errors = [(_float(x), where) for x in (judged, max(gaps), relative)]
     return [*errors, max(worst)]
@@ -286,9 +162,13 @@ def _float(error: Any) -> float:
     return math.inf if mp.isnan(error) else float(error)
 
 
+def _is_floating(argument: Any) -> bool:
+    return getattr(argument, "dtype", np.dtype(int)).kind == "f"
+
+
 def exact_numbers(argument: Any) -> Any:
     """Exactly the same numbers in mpmath; what is not floating stays as it is."""
-    if getattr(argument, "dtype", np.dtype(int)).kind != "f":
+    if not _is_floating(argument):
         return argument
     numbers = [mp.mpf(float(x)) for x in np.ravel(argument)]
     return np.array([*numbers, None], object)[:-1].reshape(argument.shape)[()]
@@ -325,9 +205,15 @@ def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
 
 
 def describe(arguments: Inputs) -> str:
-    """Write inputs in one line; arrays so that they can be typed in again."""
+    """Write inputs in one line; small arrays so that they can be typed in again."""
     texts = []
     for x in arguments:
-        numbers = x.tolist() if isinstance(x, np.ndarray | np.generic) else x
-        texts.append(" ".join(str(numbers).split()))
+        if isinstance(x, np.ndarray | np.generic):
+            is_small, ends = x.size <= 100, (float(np.min(x)), float(np.max(x)))
+            x = (
+                x.tolist()
+                if is_small
+                else f"{x.shape} numbers, {ends[0]!r} to {ends[1]!r}"
+            )
+        texts.append(" ".join(str(x).split()))
     return " ".join(texts)

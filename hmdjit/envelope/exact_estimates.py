@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .engine import Sized, mp
+from .row import Sized, mp
 
 _NO_SPREAD = 1e-13  # documented: of the sessions' size, what counts as no spread
 _FEWEST = 50  # documented: of fewer sessions, intervals are resampled

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .engine import mp
+from .row import mp
 
 Numbers = Any  # an array of mpmath numbers, or a list of them
 

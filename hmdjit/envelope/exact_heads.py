@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .engine import Sized, mp
 from .exact_geometry import Numbers
+from .row import Sized, mp
 
 FARTHEST = 46  # documented: coordinates of curves count no farther
 _SMALLEST = 1e-30  # what is smaller counts as this large

@@ -6,8 +6,8 @@ Arguments are mpmath numbers and arrays of them, answers are flat lists.
 from fractions import Fraction
 from typing import Any
 
-from .engine import mp
 from .exact_geometry import Numbers, angle, dot
+from .row import mp
 
 # --- colour and blending ---
 

@@ -15,7 +15,7 @@ from ..estimates import estimate, intervals, planning
 from ..estimates.estimate import Estimate
 from ..estimates.intervals import Interval
 from . import exact_estimates as exact
-from .engine import Argument, Bound, Rng, Row, Sized
+from .row import Argument, Bound, Rng, Row, Sized
 
 SUMMED = {"float64": Bound(16)}
 """A sum of 1e5 is made of 16 additions and 10 halvings: 13 eps, were all to round one

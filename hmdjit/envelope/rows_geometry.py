@@ -22,7 +22,7 @@ from ..frames.motion import rebased_motion
 from ..reprojection import past_position
 from . import arguments as of
 from . import exact_geometry as exact
-from .engine import Bound, Row, eps, mp, own_size
+from .row import Bound, Inputs, Row, eps, mp, own_size
 
 _PINHOLE, _SMALL = exact.Pinhole(of.WIDTH, of.HEIGHT), exact.Pinhole(3, 2)
 _ANY, _PAIR, _PATH = [of.rotation()], [of.two_poses()], [of.PATH]
@@ -93,9 +93,16 @@ def _is_in_front(fov: Any, turn: Any, pixel: Any) -> bool:
     return bool(-ray[2] >= 1e-2 * exact.angle(ray)[0])
 
 
+def _own_or_to_180(arguments: Inputs, index: int) -> float:
+    """Return the unit of slopes, which a roll cancels: of wide views f goes to 0."""
+    size = own_size(arguments, index)
+    return size if index else min(size, 180.0 - size)
+
+
 def _row(name: str, function: Callable, *given: Any, **options: Any) -> Row:
     of_fov = lambda fov, *at: function(Camera(of.WIDTH, of.HEIGHT, fov, 60.0), *at)
-    return _scaled(of_fov, *given, name=f"camera.{name}", **options)
+    options = {"slope_unit": own_size, **options}
+    return Row(of_fov, *given, name=f"camera.{name}", **options)
 
 
 _TURNED, _SMALL_TURNS = [of.FOV, of.rotation(most=1.0)], of.rotation(1e-7, 0.1)
@@ -111,6 +118,7 @@ CAMERAS = [
         [of.FOV, of.rotation(), of.PIXEL],
         _ABOUT,
         kept=_is_in_front,
+        count=120,
     ),
     _row(
         "displacement, px",
@@ -126,6 +134,7 @@ CAMERAS = [
         _PINHOLE.homography,
         _TURNED,
         eps(16, 64),
+        slope_unit=_own_or_to_180,
         quick=0,
     ),
     _row(

@@ -19,9 +19,82 @@ from ..head_motion.discretisation import discretise
 from ..head_motion.parameters import Amplitude, Resonator
 from . import arguments as of
 from . import exact_heads as exact
-from .engine import Inputs, Row, eps, own_size
+from .row import Argument, Inputs, Rng, Row, eps, one, own_size
 
 _of_law = partial(Row, slope_unit=own_size, count=69)
+
+
+# --- ranges ---
+
+
+def _draw_wander(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float, float]:
+    if n < 49:
+        return 10 ** rng.uniform(-4, 2), of.TIMES_S[n % 7], of.TIMES_S[n // 7]
+    return 1.0, *(10 ** rng.uniform(-6, 6, 2)).tolist()
+
+
+def _draw_mode(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float, float]:
+    damping = (0.02, 0.05, 0.3, 1.0, 1.2, 2.0)[n % 6]
+    return 10 ** rng.uniform(-4, 2), 10 ** rng.uniform(-1, 2), damping
+
+
+def _bursts(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, ...]:
+    """Wander, or rest; a tracker that is silent, quiet, or louder than the turns."""
+    speed, time, back = _draw_wander(rng, dtype, 2 * n)
+    noise = (0.0, 1e-3, 1.0)[n % 3] * speed / 60
+    sd = (0.4, 0.0, 1e-6, 1.0)[n % 4]
+    bursts = (0.4, 1e-6, 1e6, 10 ** rng.uniform(-6, 6))[n // 4 % 4]
+    return speed * (n % 10 != 9), time, back, noise, sd, bursts
+
+
+def _stiff(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
+    if n % 2:
+        low, high = np.sort(10 ** rng.uniform(-6, 6, 2))
+        return np.array([[-low, high], [0.0, -high]]), 2 * high
+    # A mode rings on for 1 / damping radians: longer ones lose more.
+    w, z = 10 ** rng.uniform(-2, 3), rng.choice([0.05, 0.3, 1.0, 2.0])
+    return np.array([[0.0, w], [-w, -2 * z * w]]), 4 * z * w
+
+
+_WANDER = Argument("times 1e-6 to 1e6 s either way round", _draw_wander)
+_MODE = Argument("0.1 to 100 Hz, damping 0.02 to 2", _draw_mode)
+_BURSTS = Argument("times 1e-6 to 1e6 s, bursts of 0 to 1; at rest", _bursts)
+_STIFF = Argument("wander and modes, |drift| dt to 1e12", _stiff)
+_FRAMES = Argument("lags 0 to 10", lambda rng, dtype, n: np.int32((0, 1, 2, 10)[n % 4]))
+_SAMPLED = Argument(
+    "0 Hz to half the rate, 1 to 10,000 Hz",
+    lambda rng, dtype, n: (
+        (0.0, 1e-6, 1.0, rng.random(), 10 ** rng.uniform(-4, 0))[n % 5]
+        * of.RATES_HZ[n // 5 % 5]
+        / 2,
+        of.RATES_HZ[n // 5 % 5],
+    ),
+)
+_LOG_BOUNDS = Argument(
+    "1.6 to 1000 Hz",
+    lambda rng, dtype, n: whittle.log_bounds(1, (1.6, 30.0, 90.0, 1000.0)[n % 4]),
+)
+_LAG = of.logarithmic("lags 0, 1e-6 to 1e6 s", 0.0, low=1e-6, high=1e6)
+_SHORT_LAG = of.logarithmic("lags 0, 1e-4 to 10 s", 0.0, low=1e-4, high=10)
+_STEP = of.logarithmic("steps 1e-6 to 1e6 s", low=1e-6, high=1e6)
+_NYQUIST = (rate / 2 for rate in of.RATES_HZ)
+_FREQUENCY = of.logarithmic("0 to 5000 Hz", 0.0, *_NYQUIST, low=1e-4, high=5e3)
+
+
+def _coordinates(shape: int | tuple[int, ...]) -> Argument:
+    """Coordinates of a search: all at an extreme, one of them, and a random mix."""
+    spread = [x for x in of.COORDINATES if abs(x) != 46]  # where they stop to count
+
+    def draw(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
+        extreme, place = of.COORDINATES[n // 3 % 15], n // 3 % np.prod(shape)
+        alone = rng.normal(size=shape)
+        alone.flat[place] = extreme
+        return (np.full(shape, extreme), alone, rng.choice(spread, shape))[n % 3]
+
+    return Argument("coordinates 0, 1e-9 to 700, infinite", draw)
+
+
+# --- heads ---
 
 
 def _wander(
@@ -61,7 +134,7 @@ def _step_is_seen(speed: Any, time: Any, back: Any, *others: Any) -> bool:
     return _turn(speed, time, back, 1 / others[-1]) > 1e-17
 
 
-def _own_or_shorter_time(arguments: Inputs, index: int) -> float:
+def _or_time(arguments: Inputs, index: int) -> float:
     """At lag 0, where the slope of the covariance is 0."""
     return own_size(arguments, index) or float(min(arguments[1], arguments[2]))
 
@@ -82,7 +155,7 @@ def _kurtosis(
     return head.increment_kurtosis(60.0, memory_s=8 / 60)[0]
 
 
-_LAW, _MODE = [of.WANDER, of.LAG], [of.MODE, of.SHORT_LAG]
+_LAGGED, _RINGING = [_WANDER, _LAG], [_MODE, _SHORT_LAG]
 _covariance, _structure = (
     partial(_law, x) for x in ("covariance", "structure_function")
 )
@@ -92,21 +165,21 @@ HEADS = [
     _of_law(
         _discretised,
         exact.transition,
-        [of.STIFF, of.STEP],
+        [_STIFF, _STEP],
         eps(32, 128),
         name="head_motion.discretisation.discretise",
     ),
-    _covariance("wander", _LAW, eps(32, 1e3), slope_unit=_own_or_shorter_time, quick=0),
-    _structure("wander", _LAW, eps(32, 64), kept=_turn_is_seen),
-    _spectrum("wander", [of.WANDER, of.FREQUENCY], eps(16, 32)),
+    _covariance("wander", _LAGGED, eps(32, 1e3), slope_unit=_or_time, quick=0),
+    _structure("wander", _LAGGED, eps(32, 64), kept=_turn_is_seen),
+    _spectrum("wander", [_WANDER, _FREQUENCY], eps(16, 32)),
     # A mode keeps its phase over hundreds of radians, by which its slopes are larger.
-    _covariance("mode", _MODE, eps(32, 1e3), quick=0),
-    _structure("mode", _MODE, eps(32, 1e3), quick=0),
-    _spectrum("mode", [of.MODE, of.FREQUENCY], eps(16, 32)),
+    _covariance("mode", _RINGING, eps(32, 1e3), quick=0),
+    _structure("mode", _RINGING, eps(32, 1e3), quick=0),
+    _spectrum("mode", [_MODE, _FREQUENCY], eps(16, 32)),
     _law(
         "increment_covariance",
         "wander",
-        [of.WANDER, of.FRAMES, of.RATE],
+        [_WANDER, _FRAMES, of.RATE],
         eps(32, 64),
         kept=_step_is_seen,
         quick=0,
@@ -114,14 +187,14 @@ HEADS = [
     _law(
         "sampled_velocity_spectrum",
         "wander",
-        [of.WANDER, of.SAMPLED],
+        [_WANDER, _SAMPLED],
         eps(64, 128),
         floor=1e-30,
     ),
     _of_law(
         _rms,
         exact.increment_rms,
-        [of.WANDER, of.RATE],
+        [_WANDER, of.RATE],
         eps(16, 32),
         name="HeadMotion.increment_rms_deg",
         kept=_step_is_seen,
@@ -130,7 +203,7 @@ HEADS = [
     _of_law(
         _kurtosis,
         exact.increment_kurtosis,
-        [of.BURSTS],
+        [_BURSTS],
         eps(32, 64),
         name="HeadMotion.increment_kurtosis",
         floor=1e-12,
@@ -162,10 +235,10 @@ def _numbers(space: CurveSpace, quick: int = 0) -> Row:
     return Row(
         space.natural,
         partial(exact.natural, space),
-        [of.coordinates(space.size)],
+        [_coordinates(space.size)],
         eps(64, 64),
         name=f"CurveSpace.natural ({kind})",
-        slope_unit=1.0,
+        slope_unit=one,
         kink=_at_end,
         quick=quick,
     )
@@ -175,10 +248,10 @@ SEARCHES = [
     Row(
         _log_values,
         exact.log_values,
-        [of.coordinates((6, 3)), of.LOG_BOUNDS],
+        [_coordinates((6, 3)), _LOG_BOUNDS],
         eps(4, 4),  # a sigmoid, a product and a sum
         name="head_fitting.whittle.log_values",
-        slope_unit=1.0,
+        slope_unit=one,
         wrt=(0,),
         count=45,
     ),

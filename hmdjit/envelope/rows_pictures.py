@@ -12,7 +12,7 @@ from ..frames import resampling
 from ..theory.picture_statistics import PictureStatistics
 from . import arguments as of
 from . import exact_pictures as exact
-from .engine import Bound, Row, eps, mp, own_size
+from .row import Bound, Row, eps, mp, one, own_size
 
 _scaled = partial(Row, slope_unit=own_size)
 _numpy = partial(Row, eager=True, quick=0)
@@ -131,9 +131,7 @@ CURVES = [
         lambda share, exponent: curves.Cosine(exponent)(share),
         exact.cosine,
         [of.SHARE, of.EXPONENT],
-        eps(
-            128, 256
-        ),  # a power takes its base's rounding times the exponent: 200 halves
+        eps(128, 256),  # a power takes its base's rounding times its exponent
         name="curves.Cosine",
         kink=_rises_both_ways,
     ),
@@ -168,7 +166,7 @@ def _reader(
 
     # The position's fraction has eps of 1, of however dark a pixel.
     arguments = [of.picture(stored), of.OFFSET, of.OFFSET]
-    options = {"floor": 1.0, "slope_unit": 1.0, **options}
+    options = {"floor": 1.0, "slope_unit": one, **options}
     exact_read, bounds = given
     name = f"frames.resampling.{name}"
     return Row(at, exact_read, arguments, bounds, name=name, **options)
@@ -195,8 +193,7 @@ READERS = [
         exact.nearest,
         eps(0, 0),
         wrt=(0,),
-        slope_unit=None,
-        floor=0.0,
+        slope_unit=own_size,
     ),
     _reader(
         "catmull_rom",

@@ -1,0 +1,121 @@
+"""A row of the table: a function, its exact answer, and the ranges of its arguments."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpmath import mp as _context
+
+mp: Any = _context  # its types know too little
+DTYPES = ("float32", "float64")
+Rng = np.random.Generator
+Inputs = tuple[Any, ...]
+Number = float | int
+
+
+class Bound(NamedTuple):
+    """Largest error: of the value, in the row's unit; of the gradient, in eps."""
+
+    value: Number
+    gradient: Number = math.nan
+
+
+def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
+    """Return the same bounds, in eps, for both dtypes."""
+    return dict.fromkeys(DTYPES, Bound(value, gradient))
+
+
+class Argument(NamedTuple):
+    """What an argument of a function may be, or several that belong together.
+
+    - `over`: the range in words.
+    - `draw`: the n-th of them in float64, from a generator, the dtype that it will be
+      rounded to, and n; several in a tuple. Extremes come at fixed n.
+    """
+
+    over: str
+    draw: Callable[[Rng, np.dtype, int], Any]
+
+
+class Sized(NamedTuple):
+    """An exact answer whose entries count by their own sizes, not by the largest."""
+
+    values: list
+    sizes: list
+
+
+def own_size(arguments: Inputs, index: int) -> float:
+    """Largest entry of an argument, as a `slope_unit`: by this much it may change."""
+    return float(np.max(np.abs(arguments[index])))
+
+
+def one(arguments: Inputs, index: int) -> float:
+    """Return the unit of arguments that have no scale, as a `slope_unit`."""
+    return 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A function to hold against its exact answer.
+
+    - `function`: of JAX arrays, unbatched; of what is drawn, if `eager`.
+    - `oracle`: of the same arguments in mpmath numbers (arrays are arrays of them);
+      entries flattened, or `Sized`.
+    - `bounds`: by dtype; those it lacks are not measured.
+    - `unit`: `"eps"`: the error is relative to the answer's largest entry, in units of
+      the dtype's eps; `"relative"`: without it. Else errors are absolute, in that unit.
+    - `name`: by default the function's path.
+    - `floor`: answers below this count as this large.
+    - `slope_unit`: from all arguments and the place of one; gradients below the answer
+      over this count as this large. 0: gradients have no floor.
+    - `wrt`: arguments to differentiate by; None is all that are floating.
+    - `kink`: tells where the answer has no derivative (ours must be finite).
+    - `kept`: tells which inputs are within the range, where arguments depend on others.
+    - `eager`: called input by input, not compiled and without a gradient: NumPy, and
+      what compiles by itself. What is drawn is not rounded.
+    - `count`, `quick`: how many inputs are drawn, and kept in the quick form.
+    """
+
+    function: Callable[..., Any]
+    oracle: Callable[..., Any]
+    arguments: Sequence[Argument]
+    bounds: dict[str, Bound]
+    unit: str = "eps"
+    name: str = ""
+    floor: float = 0.0
+    slope_unit: Callable[[Inputs, int], float] = lambda arguments, index: 0.0
+    wrt: tuple[int, ...] | None = None
+    kink: Callable[..., bool] = lambda *arguments: False
+    kept: Callable[..., bool] = lambda *arguments: True
+    eager: bool = False
+    count: int = 50
+    quick: int = 24
+
+    def __post_init__(self):
+        if not self.name:
+            module = self.function.__module__.removeprefix("hmdjit.")
+            object.__setattr__(self, "name", f"{module}.{self.function.__name__}")
+
+    @property
+    def over(self) -> str:
+        """The ranges of all arguments in words."""
+        return "; ".join(dict.fromkeys(a.over for a in self.arguments if a.over))
+
+    def inputs(self, rng: Rng, dtype: np.dtype) -> list[Inputs]:
+        """Draw all inputs, rounded to a dtype."""
+        columns = []
+        for n, argument in enumerate(self.arguments):
+            drawn = [argument.draw(rng, dtype, k) for k in range(self.count)]
+            # Else extremes would only meet those of other arguments at the same n.
+            order = rng.permutation(self.count) if n else range(self.count)
+            columns.append([drawn[k] for k in order])
+        found = []
+        for parts in zip(*columns, strict=True):
+            each = [x for p in parts for x in (p if type(p) is tuple else (p,))]
+            if not self.eager:
+                arrays = [np.asarray(x) for x in each]
+                each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
+            found.append(tuple(each))
+        return [arguments for arguments in found if self.kept(*arguments)]
