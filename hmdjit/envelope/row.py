@@ -69,7 +69,7 @@ class Row:
     - `name`: by default the function's path.
     - `floor`: answers below this count as this large.
     - `slope_unit`: from all arguments and the place of one; gradients below the answer
-      over this count as this large. 0: gradients have no floor.
+      over this count as this large. Without one, or of 0, they have no floor.
     - `wrt`: arguments to differentiate by; None is all that are floating.
     - `kink`: tells where the answer has no derivative (ours must be finite).
     - `kept`: tells which inputs are within the range, where arguments depend on others.
@@ -85,10 +85,10 @@ class Row:
     unit: str = "eps"
     name: str = ""
     floor: float = 0.0
-    slope_unit: Callable[[Inputs, int], float] = lambda arguments, index: 0.0
+    slope_unit: Callable[[Inputs, int], float] | None = None
     wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] = lambda *arguments: False
-    kept: Callable[..., bool] = lambda *arguments: True
+    kink: Callable[..., bool] | None = None
+    kept: Callable[..., bool] | None = None
     eager: bool = False
     count: int = 50
     quick: int = 24
@@ -118,4 +118,4 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [arguments for arguments in found if self.kept(*arguments)]
+        return [x for x in found if self.kept is None or self.kept(*x)]
