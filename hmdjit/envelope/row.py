@@ -56,6 +56,11 @@ def one(arguments: Inputs, index: int) -> float:
     return 1.0
 
 
+def path(function: Callable) -> str:
+    """Return a function's module in the package and its name."""
+    return f"{function.__module__.removeprefix('hmdjit.')}.{function.__name__}"
+
+
 @dataclasses.dataclass(frozen=True)
 class Row:
     """A function to hold against its exact answer.
@@ -95,8 +100,7 @@ class Row:
 
     def __post_init__(self):
         if not self.name:
-            module = self.function.__module__.removeprefix("hmdjit.")
-            object.__setattr__(self, "name", f"{module}.{self.function.__name__}")
+            object.__setattr__(self, "name", path(self.function))
 
     @property
     def over(self) -> str:
