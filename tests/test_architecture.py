@@ -107,8 +107,8 @@ FOLDERS = {
     "envelope": [
         ("row",),
         ("engine", "exact_geometry"),
-        ("exact_pictures", "exact_heads", "exact_estimates", "arguments"),
-        ("rows_geometry", "rows_pictures", "rows_heads", "rows_estimates"),
+        ("exact_estimates", "arguments"),
+        ("geometry", "pictures", "heads", "searches", "estimates"),
         ("table",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],

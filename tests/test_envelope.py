@@ -14,7 +14,7 @@ from hmdjit import HeadMotion, quaternion
 from hmdjit.cli import main as cli
 from hmdjit.envelope import engine
 from hmdjit.envelope import exact_geometry as exact
-from hmdjit.envelope.exact_heads import transition
+from hmdjit.envelope.heads import transition
 from hmdjit.envelope.row import DTYPES, Argument, Bound, Row, Sized, mp
 from hmdjit.envelope.table import ROWS
 from hmdjit.reports import envelope as report
@@ -220,6 +220,7 @@ NUMERICAL = [
     *("sample_patterns", "frames.resampling", "metrics.mtcd", "metrics.image_error"),
     *("theory.picture_statistics", "theory.prediction", "simulation.simulate"),
     *("simulation.session", "estimates.intervals", "estimates.estimate"),
+    "estimates.planning",
 ]
 
 # Their public functions that have no row, and why: tests hold what is no number, and
@@ -235,13 +236,14 @@ NO_ROW = {
     "sample_patterns.multisample": "constants",
     "sample_patterns.ordered_grid": "constants",
     "sample_patterns.halton": "radical_inverse",
-    "metrics.mtcd.pair_distance": "mtcd",
     "theory.prediction.has_theory": "whole: true or false",
     "theory.prediction.predict": "test_single_precision, test_extremes",
+    "theory.prediction.predict_model": "predict",
     "theory.picture_statistics.cell_numbers": "whole",
     "theory.picture_statistics.difference_squared": "PictureStatistics.difference",
     "theory.picture_statistics.root": "PictureStatistics.difference",
     "simulation.simulate.simulate": "test_single_precision, test_extremes",
+    "simulation.simulate.check_gives": "raises",
     "simulation.simulate.check_texture": "raises",
     "simulation.session.session": "what simulate compiles",
     "simulation.session.differentiable_session": "what simulate compiles",
@@ -249,11 +251,17 @@ NO_ROW = {
     "HeadMotion.person_power": "one exponential",
     "HeadMotion.rotation_vectors": "the logarithms of sample",
     "HeadMotion.sample": "test_extremes",
-    "estimates.estimate.combined": "in control_variate and ratio",
-    "estimates.estimate.figure_of_merit": "two products",
-    "estimates.estimate.no_ratio": "NaN",
-    "estimates.estimate.sessions_needed": "test_envelope_statistics",
-    "estimates.intervals.centred": "in every interval",
+    "estimates.estimate.centred": "in every estimate",
+    "estimates.estimate.combined": "in control_variate and intervals",
+    "estimates.estimate.function_of": "in every ratio",
+    "estimates.estimate.mean_logarithm": "geometric_mean",
+    "estimates.estimate.none": "NaN",
+    "estimates.estimate.paired_means": "mean_of",
+    "estimates.intervals.interval_of": "in every interval",
+    "estimates.intervals.normal_interval": "a product and two sums",
+    "estimates.intervals.student_interval": "a product and two sums, SciPy's quantile",
+    "estimates.planning.figure_of_merit": "two products",
+    "estimates.planning.sessions_needed": "test_envelope_statistics",
 }
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hmdjit.envelope import engine, exact_estimates
+from hmdjit.envelope.estimates import ESTIMATES
 from hmdjit.envelope.row import mp
-from hmdjit.envelope.rows_estimates import ESTIMATES
 from hmdjit.estimates import estimate as estimates
 from hmdjit.estimates import intervals
 from hmdjit.estimates.estimate import mean_of, ratio
@@ -40,7 +40,7 @@ def test_the_oracle_of_a_standard_error_is_its_definition(rng):
     x, y = rng.random((2, 7)) + 1
     with mp.workdps(engine.DIGITS):
         means = [exact_estimates.Mean(x), exact_estimates.Mean(y)]
-        exact = exact_estimates.Truth.of(0, 1, [2, -3], means)
+        exact = exact_estimates.truth(0, 1, [2, -3], means)
         error, spread = float(exact.error), float(exact.spread)
     rows = 2 * x - 3 * y
     assert error == pytest.approx(rows.std(ddof=1) / np.sqrt(7), rel=1e-12)

@@ -10,7 +10,6 @@ from ..theory.picture_statistics import DIRECTIONS
 from . import exact_geometry as exact
 from .row import Argument, Number, Rng
 
-WIDTH, HEIGHT = 1024, 768
 ANGLES = (
     *(0.0, 5e-310, 1e-40, 1e-30, 1e-20, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 3e-4),
     *(1e-3, 1e-2, 0.1, 1.0, 2.0, 3.0, math.pi - 1e-3, math.pi - 1e-6, math.pi),
@@ -157,7 +156,7 @@ PATH = Argument("0, denormals, 1e-30 to 1 rad about the hold pose", _path)
 
 
 def _pixel(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
-    size = np.array([WIDTH, HEIGHT])
+    size = np.array(exact.SIZE_PX)
     edges = rng.integers(0, 3, 2) * (size - 1) / 2 + 0.5
     return edges if rng.random() < 0.5 else rng.uniform(0, 1, 2) * size
 

@@ -139,11 +139,11 @@ def _errors(
     kinds = {"eps": relative / number.eps, "relative": relative}
     where, worst = describe(arguments), [(0.0, "")]
     for i, slopes in zip(wrt, jacobians, strict=True):
-        if row.kink(*arguments):
+        if row.kink and row.kink(*arguments):
             is_finite = all(np.isfinite(slope).all() for slope in slopes)
             worst.append((0.0 if is_finite else math.inf, where))
             continue
-        unit = row.slope_unit(arguments, i)
+        unit = row.slope_unit(arguments, i) if row.slope_unit else 0.0
         floor = [size / max(unit, number.tiny) if unit else 0 for size in sizes]
         truth = _slope(row.oracle, exact, i)
         largest = np.abs(truth) if is_sized else np.max(np.abs(truth))

@@ -12,6 +12,7 @@ import numpy as np
 from .row import mp
 
 Numbers = Any  # an array of mpmath numbers, or a list of them
+SIZE_PX = 1024, 768
 
 
 def dot(a: Numbers, b: Numbers) -> Any:
@@ -96,60 +97,35 @@ def rotation_change(rotation: Numbers) -> list:
     return list((first * cross + second * cross.dot(cross)).ravel())
 
 
-class Pinhole:
-    """Camera of whole pixels; its field of view, degrees, is an argument."""
+def focal_px(fov: Any, width: Any = SIZE_PX[0]) -> Any:
+    """Focal length of a camera; its field of view in degrees."""
+    return mp.mpf(width) / 2 / mp.tan(fov * mp.pi / 360)
 
-    def __init__(self, width: int, height: int):
-        self.width = width
-        self.centre = mp.mpf(width) / 2, mp.mpf(height) / 2
 
-    def focal(self, fov: Any) -> Any:
-        """Focal length, px."""
-        return self.centre[0] / mp.tan(fov * mp.pi / 360)
+def ray(fov: Any, pixel: Numbers, size: tuple[int, int] = SIZE_PX) -> list:
+    """Ray of a pixel position."""
+    (x, y), (width, height), focal = pixel, size, focal_px(fov, size[0])
+    return [(x - mp.mpf(width) / 2) / focal, (mp.mpf(height) / 2 - y) / focal, -mp.one]
 
-    def ray(self, fov: Any, pixel: Numbers) -> list:
-        """Ray of a pixel position."""
-        (x, y), (cx, cy), focal = pixel, self.centre, self.focal(fov)
-        return [(x - cx) / focal, (cy - y) / focal, mp.mpf(-1)]
 
-    def project(self, fov: Any, ray: Numbers) -> list:
-        """Pixel position of a ray; NaN behind the camera."""
-        if not ray[2] < 0:
-            return [mp.nan, mp.nan]
-        scale = self.focal(fov) / -ray[2]
-        return [self.centre[0] + ray[0] * scale, self.centre[1] - ray[1] * scale]
+def project(fov: Any, ray: Numbers, size: tuple[int, int] = SIZE_PX) -> list:
+    """Pixel position of a ray; NaN behind the camera."""
+    if not ray[2] < 0:
+        return [mp.nan, mp.nan]
+    scale, (width, height) = focal_px(fov, size[0]) / -ray[2], size
+    return [mp.mpf(width) / 2 + ray[0] * scale, mp.mpf(height) / 2 - ray[1] * scale]
 
-    def turned(self, fov: Any, rotation: Numbers, pixel: Numbers) -> Numbers:
-        """Ray of a pixel position, rotated."""
-        rows = np.reshape(rotation_change(rotation), (3, 3))
-        return rows.dot(self.ray(fov, pixel)) + self.ray(fov, pixel)
 
-    def displacement(self, fov: Any, rotation: Numbers, pixel: Numbers) -> list:
-        """Where a rotated ray projects, from its pixel; 0 behind the camera."""
-        ray = self.turned(fov, rotation, pixel)
-        if not ray[2] < 0:
-            return [mp.mpf(0), mp.mpf(0)]
-        return [a - b for a, b in zip(self.project(fov, ray), pixel, strict=True)]
+def turned(fov: Any, rotation: Numbers, pixel: Numbers, size: Any = SIZE_PX) -> Numbers:
+    """Ray of a pixel position, rotated."""
+    change, before = rotation_change(rotation), ray(fov, pixel, size)
+    return np.reshape(change, (3, 3)).dot(before) + before
 
-    def homography(self, fov: Any, rotation: Numbers) -> list:
-        """`K R K^-1`."""
-        focal, (cx, cy) = self.focal(fov), self.centre
-        to_ray = mp.matrix([[1, 0, -cx], [0, -1, cy], [0, 0, -focal]]) / focal
-        to_pixel = mp.matrix([[-focal, 0, cx], [0, focal, cy], [0, 0, 1]])
-        change = mp.matrix(np.reshape(rotation_change(rotation), (3, 3)).tolist())
-        return list(to_pixel * (change + mp.eye(3)) * to_ray)
 
-    def largest_factor(self, focal: Any) -> Any:
-        """By what K and K^-1 multiply R: f, or (W / 2)^2 / f of wide views."""
-        return focal + (self.width / 2) ** 2 / focal
-
-    def far_homography(self, fov: Any, rotation: Numbers) -> list:
-        """`K R K^-1`, and that factor."""
-        factor = self.largest_factor(self.focal(fov))
-        return [*self.homography(fov, rotation), factor]
-
-    def px_per_deg(self, fov: Any, pixel: Numbers) -> list:
-        """Speed of the picture when the head turns or nods."""
-        x, y, _ = self.ray(fov, pixel)
-        scale, both = self.focal(fov) * mp.pi / 180, (x * y) ** 2
-        return [scale * mp.sqrt((1 + part**2) ** 2 + both) for part in (x, y)]
+def displacement(fov: Any, turn: Numbers, pixel: Numbers, size: Any = SIZE_PX) -> list:
+    """Where a rotated ray projects, from its pixel; 0 behind the camera."""
+    after = turned(fov, turn, pixel, size)
+    if not after[2] < 0:
+        return [mp.mpf(0), mp.mpf(0)]
+    place = project(fov, after, size)
+    return [a - b for a, b in zip(place, pixel, strict=True)]

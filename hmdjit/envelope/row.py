@@ -56,6 +56,11 @@ def one(arguments: Inputs, index: int) -> float:
     return 1.0
 
 
+def path(function: Callable) -> str:
+    """Return a function's module in the package and its name."""
+    return f"{function.__module__.removeprefix('hmdjit.')}.{function.__name__}"
+
+
 @dataclasses.dataclass(frozen=True)
 class Row:
     """A function to hold against its exact answer.
@@ -69,7 +74,7 @@ class Row:
     - `name`: by default the function's path.
     - `floor`: answers below this count as this large.
     - `slope_unit`: from all arguments and the place of one; gradients below the answer
-      over this count as this large. 0: gradients have no floor.
+      over this count as this large. Without one, or of 0, they have no floor.
     - `wrt`: arguments to differentiate by; None is all that are floating.
     - `kink`: tells where the answer has no derivative (ours must be finite).
     - `kept`: tells which inputs are within the range, where arguments depend on others.
@@ -85,18 +90,17 @@ class Row:
     unit: str = "eps"
     name: str = ""
     floor: float = 0.0
-    slope_unit: Callable[[Inputs, int], float] = lambda arguments, index: 0.0
+    slope_unit: Callable[[Inputs, int], float] | None = None
     wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] = lambda *arguments: False
-    kept: Callable[..., bool] = lambda *arguments: True
+    kink: Callable[..., bool] | None = None
+    kept: Callable[..., bool] | None = None
     eager: bool = False
     count: int = 50
     quick: int = 24
 
     def __post_init__(self):
         if not self.name:
-            module = self.function.__module__.removeprefix("hmdjit.")
-            object.__setattr__(self, "name", f"{module}.{self.function.__name__}")
+            object.__setattr__(self, "name", path(self.function))
 
     @property
     def over(self) -> str:
@@ -118,4 +122,4 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [arguments for arguments in found if self.kept(*arguments)]
+        return [x for x in found if self.kept is None or self.kept(*x)]

@@ -161,7 +161,7 @@ def _slerps(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
 def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
     """In the corner of the default camera, from a hold pose anywhere."""
     display, place = Camera(), np.array([1023.5, 0.5])
-    oracle, lines = exact.Pinhole(1024, 1024), {}
+    lines: dict[str, list[float]] = {}
     moved = jax.jit(
         lambda r: jnp.stack(pinhole.displacement(display, r, *jnp.float32(place))[:2])
     )
@@ -169,7 +169,8 @@ def _past(rng: np.random.Generator, angles: np.ndarray) -> _Panel:
         hold = unit(rng.normal(size=4))
         poses = np.stack([hold, exact.multiply(hold, turn)])
         rotation = exact.log(exact.relative(*exact_numbers(poses)))
-        truth = oracle.displacement(mp.mpf(96), rotation, exact_numbers(place))
+        where = mp.mpf(96), rotation, exact_numbers(place), (1024, 1024)
+        truth = exact.displacement(*where)
         for name, found in _increments_of(poses).items():
             gap = float(max(distances(moved(found), truth)))
             lines.setdefault(name, []).append(gap)
