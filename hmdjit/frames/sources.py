@@ -7,6 +7,7 @@ the source: a faster source changes no technique.
 
 import abc
 import contextlib
+import contextvars
 from collections.abc import Collection, Iterator
 
 import equinox as eqx
@@ -22,17 +23,21 @@ from .displacement import GATHER, Displacement, Reading
 from .motion import Motion
 from .resampling import Texels
 
-_recorded: list[list[Displacement | None]] = []
+Reads = list[Displacement | None]
+
+_recorded: contextvars.ContextVar[Reads | None]
+_recorded = contextvars.ContextVar("recorded", default=None)
 
 
 @contextlib.contextmanager
-def recorded_reads() -> Iterator[list[Displacement | None]]:
+def recorded_reads() -> Iterator[Reads]:
     """Record where histories are read while a step is traced; None is unmoved."""
-    _recorded.append([])
+    reads: Reads = []
+    token = _recorded.set(reads)
     try:
-        yield _recorded[-1]
+        yield reads
     finally:
-        _recorded.pop()
+        _recorded.reset(token)
 
 
 class History(eqx.Module):
@@ -98,7 +103,7 @@ class History(eqx.Module):
 
     def under(self, region: Region) -> Planes:
         """Planes of some of its pixels, unmoved."""
-        for reads in _recorded:
+        if (reads := _recorded.get()) is not None:
             reads.append(None)
         _, _, channels, *_ = self.texels.shape
         column, row = self._place(region)
@@ -108,7 +113,7 @@ class History(eqx.Module):
 
     def at(self, displacement: Displacement) -> Planes:
         """Planes read where each pixel's source lies, `(channels, height, width)`."""
-        for reads in _recorded:
+        if (reads := _recorded.get()) is not None:
             reads.append(displacement)
         if displacement.reading.sampler == "at_rest":
             return self.under(displacement.region)

@@ -2,12 +2,12 @@
 
 A metric is a frozen configuration. A session calls `step` once for each measured frame
 or, where it cuts a large region into blocks, once for each block of it; colours are
-gamma in `[0, 1]`, planes `(3, height, width)`. Nothing else knows which metrics a study
-has, or how many.
+gamma in `[0, 1]`, planes `(3, height, width)`. Of a session's tiles a study takes the
+mean value. Nothing else knows which metrics a study has, or how many.
 """
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from .._types import Mask, Plane, Rgb, Scalar
 from ..camera import Region
 
 State = Any
-Measured = Mapping[str, Float[Array | np.ndarray, "*sessions"]]
+Values = Mapping[str, Float[Array | np.ndarray, "*sessions"]]
 """Values by the metrics' ids."""
 
 
@@ -50,14 +50,14 @@ class AbstractMetric(eqx.Module):
         self,
         state: State,
         shown: Rgb,
-        previous: Rgb,
+        previous: Rgb | None,
         reference: Rgb | None,
         is_measured: Mask | None = None,
     ) -> State:
         """Take in a displayed frame, the one before it, and the reference.
 
-        **Arguments:** `reference`: None where no metric needs it; `is_measured`: which
-        pixels count, None is all.
+        **Arguments:** `previous`: None for a metric that is not of pairs; `reference`:
+        None where no metric needs it; `is_measured`: which pixels count, None is all.
         """
 
     @abc.abstractmethod
@@ -65,11 +65,39 @@ class AbstractMetric(eqx.Module):
         """Return the metric over all frames so far."""
 
 
+RESERVED = frozenset(
+    """technique scene session subject rotation_deg seconds sessions mean standard_error
+    low high q05 q50 q95 ratio ratio_low ratio_high interval note figure_of_merit
+    pairing_gain predicted predicted_extra_paths control_slope between_session_share
+    simulated_sessions interim_analyses""".split()  # noqa: SIM905
+)
+"""Names of other variables and columns of a result."""
+
+
+def check_metrics(metrics: Sequence[AbstractMetric]) -> None:
+    """Raise unless there is a metric, and each has a name of its own.
+
+    **Errors:** `ValueError` naming the ids.
+    """
+    ids = [metric.id for metric in metrics]
+    if not ids or len(set(ids)) < len(ids):
+        named = ", ".join(ids) or "none"
+        raise ValueError(f"metrics must be one or more, all distinct, got {named}.")
+    for id in ids:
+        if not id.isidentifier() or id in RESERVED:
+            raise ValueError(
+                f"metrics must have ids of letters, digits and _ that no other column "
+                f"of a result has, got {id!r}."
+            )
+
+
 class PixelMean(AbstractMetric):
     """A metric that is a mean over pixels and frames of one number per pixel."""
 
     @abc.abstractmethod
-    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+    def per_pixel(
+        self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
+    ) -> Plane:
         """Return each pixel's number, `(height, width)`."""
 
     def init(self, measured: Region, dtype: DTypeLike) -> State:
@@ -80,7 +108,7 @@ class PixelMean(AbstractMetric):
         self,
         state: State,
         shown: Rgb,
-        previous: Rgb,
+        previous: Rgb | None,
         reference: Rgb | None,
         is_measured: Mask | None = None,
     ) -> State:
@@ -134,7 +162,7 @@ class Streamed:
             measured = Region(0, 0, width, height)
             self._state = self.metric.init(measured, shown.dtype)
         if self._last is not None or not self.metric.is_of_pairs:
-            last = shown if self._last is None else self._last
+            last = self._last if self.metric.is_of_pairs else None
             against = None if reference is None else _planes(reference)
             self._state = _step(self.metric, self._state, shown, last, against)
             self._count += 1

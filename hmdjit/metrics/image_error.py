@@ -28,7 +28,9 @@ class DetailLoss(PixelMean):
     unit: ClassVar[str] = "code values^2"
     needs_reference: ClassVar[bool] = True
 
-    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+    def per_pixel(
+        self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
+    ) -> Plane:
         """Mean squared error over a pixel's channels."""
         assert reference is not None
         return PEAK**2 / 3 * color.squared_distance(shown, reference)

@@ -24,8 +24,11 @@ class MTCD(PixelMean):
     unit: ClassVar[str] = "code values of 255"
     is_of_pairs: ClassVar[bool] = True
 
-    def per_pixel(self, shown: Rgb, previous: Rgb, reference: Rgb | None) -> Plane:
+    def per_pixel(
+        self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
+    ) -> Plane:
         """Distance of a pixel's colours in two consecutive frames, code values."""
+        assert previous is not None
         return CODE_VALUES * color.distance(shown, previous)
 
 

@@ -52,6 +52,7 @@ from ..studies.runner import Runner, regions
 from ..studies.sessions import Batch, Sessions, session_keys, study_key
 from ..studies.study import check_seed
 from ..techniques.base import AbstractTechnique
+from ..techniques.check import check_hints
 
 _PLAIN = Reading("plain")  # other ways to read have the same derivatives, made of this
 
@@ -120,6 +121,8 @@ def differentiate(
     block = measure.block_size(camera)
 
     techniques = [parameters.technique, parameters.baseline]
+    for technique in techniques:
+        check_hints(technique)
     techniques = [technique.on_pictures() for technique in techniques]
     parameters = Parameters(parameters.head, camera, *techniques)
     names, values = _named(parameters)

@@ -12,11 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..camera import Camera, Region
-from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import recorded_reads
 from ..techniques.base import AbstractTechnique
-from ..techniques.check import stencil_radius_px
+from ..techniques.check import blank_frame, stencil_radius_px
 
 HALO_TOLERANCE = 1e-5
 """What a halo's outer edge does may reach measured pixels with less than this."""
@@ -91,6 +90,9 @@ def needed_halo_px(
 
     **Arguments:** `origins`, `block`: the measured blocks' places, and their width and
     height, px.
+
+    **Errors:** `ValueError` for a technique that reads its history inside of another
+    traced function.
     """
     count, frame = origins.shape[0], (camera.width_px, camera.height_px)
     if block == frame:
@@ -130,9 +132,15 @@ def _inwards_px(
     """
     count = len(increment)
     filled = np.resize(np.arange(count), -(-count // _AT_A_TIME) * _AT_A_TIME)
-    spans = np.asarray(
-        _spans(technique, camera, increment[filled], origins[filled], block, around_px)
-    )[:, :count]
+    moves, places = increment[filled], origins[filled]
+    try:
+        spans = np.asarray(_spans(technique, camera, moves, places, block, around_px))
+    except jax.errors.UnexpectedTracerError:
+        raise ValueError(
+            f"step of {technique.id} must read its history outside of jit, vmap, cond "
+            "and loops: how far it reads cannot be found."
+        ) from None
+    spans = spans[:, :count]
     if not spans.shape[3]:
         return None
     low, high = spans[..., 0, :].min(axis=(0, 3)), spans[..., 1, :].max(axis=(0, 3))
@@ -151,7 +159,6 @@ def _spans(
     """Range of the displacements by which a technique reads its history, px."""
     width = min(block[0] + 2 * around_px, camera.width_px)
     height = min(block[1] + 2 * around_px, camera.height_px)
-    samples = technique.sample_offsets_px.shape[1]
     dtype = increments.dtype
 
     def span(increment: Array, origin: Array) -> Array:
@@ -161,7 +168,7 @@ def _spans(
         top = jnp.clip(y0, 0, camera.height_px - height)
         region = Region(left, top, width, height)
         # Of the step only where it reads is used: no picture is computed.
-        frame = Frame(jnp.zeros((samples, 3, height, width), dtype), camera, region)
+        frame = blank_frame(technique, camera, region, dtype)
         state = technique.init(frame)
         with recorded_reads() as reads:
             technique.step(state, frame, Motion(increment, increment))

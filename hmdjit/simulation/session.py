@@ -20,10 +20,10 @@ from ..camera import Camera, Region
 from ..frames.displacement import AT_REST, GATHER, SLICES, Reading
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource
-from ..metrics.base import AbstractMetric, Measured
+from ..metrics.base import AbstractMetric, Values
 from ..techniques.base import AbstractTechnique
 from . import blocks
-from .views import REFERENCE, Renderer, View, cropped, shows_its_history, view_of
+from .views import REFERENCE, Renderer, Shots, Stepped
 
 
 class Result(eqx.Module):
@@ -32,7 +32,7 @@ class Result(eqx.Module):
     - `metrics`: values by ids, such as `mtcd` and `detail_loss`.
     """
 
-    metrics: Measured
+    metrics: Values
 
     def __getattr__(self, name: str) -> Any:
         if name != "metrics" and name in self.metrics:
@@ -66,34 +66,24 @@ def session(
     source covers, for a clamped read would look like a calm picture, and where a number
     of the camera or of the technique is out of its range.
     """
-    renderer = Renderer(source, camera, techniques, reading)
-    views = [view_of(technique) for technique in techniques]
-    everyone = range(len(techniques))
     at_start = jax.tree.map(lambda leaf: leaf[0], motion)
-    frames = [
-        jax.eval_shape(partial(renderer.frame, v, region, 0), at_start) for v in views
-    ]
-    shapes = [jax.eval_shape(techniques[i].init, frames[i]) for i in everyone]
+    renderer = Renderer(source, camera, reading)
+    players = [Stepped.of(t, renderer, region, at_start) for t in techniques]
     # What keeps nothing shows each frame on its own: warm-up changes nothing of it.
-    keeping = [i for i in everyone if jax.tree.leaves(shapes[i])]
-    first = 0 if keeping else warmup
-    early = {views[i] for i in keeping}
-    # Whoever shows what it keeps needs no second copy of it.
-    shows_kept = [
-        shows_its_history(techniques[i], shapes[i], frames[i], at_start)
-        for i in everyone
-    ]
+    early = {player.pattern for player in players if player.keeps}
+    first = 0 if early else warmup
     has_reference = any(metric.needs_reference for metric in metrics)
 
     # A stencil would find no neighbours at a block's edge.
-    is_local = [technique.stencil_radius_px == 0 for technique in techniques]
-    is_cuttable = all(is_local) and blocks.is_cuttable(shapes)
+    empty = [player.empty for player in players]
+    is_cuttable = all(p.is_local for p in players) and blocks.is_cuttable(empty)
     slices = reading.sampler == "slices"
     grid = blocks.cut(region) if slices and is_cuttable else blocks.uncut(region)
     is_whole = grid.count == 1
     rim_px = blocks.RIM_PX if slices else 0
     # Of a region in one piece only the measured part is kept of what is shown.
     shown_region = measured if is_whole else region
+    is_all_measured = _same_size(shown_region, measured)
 
     def kept_block(states: list, seen: dict, k: WholeNumber, now: Motion) -> tuple:
         """States of a block after a frame, and what is displayed of it if it differs.
@@ -102,21 +92,41 @@ def session(
         not fuse across: it would blend anew for each use of the displayed picture.
         """
 
-        def step(states: list, frames: dict) -> tuple[list, list]:
-            new, shown = [], []
-            for i, state in zip(keeping, states, strict=True):
-                after, picture = techniques[i].step(state, frames[views[i]], now)
-                new.append(after)
-                shown.append(None if shows_kept[i] else picture)
+        def step(states: list, seen: dict) -> tuple[list, list]:
+            new: list = list(states)
+            shown: list = [None] * len(players)
+            for i, player in enumerate(players):
+                if player.keeps:
+                    frame = seen[player.pattern]
+                    new[i], picture = player.technique.step(states[i], frame, now)
+                    shown[i] = None if player.shows_its_history else picture
             return new, shown
 
         def begin() -> tuple[list, list]:
-            still = {
-                v: dataclasses.replace(f, reading=AT_REST) for v, f in seen.items()
-            }
-            return step([techniques[i].init(seen[views[i]]) for i in keeping], still)
+            still = {}
+            for pattern, frame in seen.items():
+                still[pattern] = dataclasses.replace(frame, reading=AT_REST)
+            start = [
+                p.technique.init(seen[p.pattern]) if p.keeps else p.empty
+                for p in players
+            ]
+            return step(start, still)
 
         return jax.lax.cond(k == first, begin, lambda: step(states, seen))
+
+    def measure(
+        sums: list, shown: Rgb, before: Rgb, reference: Rgb | None, part: Region, k: Any
+    ) -> list:
+        is_measured = None if is_all_measured else part.is_in(measured)
+        found = []
+        for metric, total in zip(metrics, sums, strict=True):
+            previous = before if metric.is_of_pairs else None
+            new = metric.step(total, shown, previous, reference, is_measured)
+            if metric.is_of_pairs:  # the first measured frame has none before it
+                choose = lambda now, was: jnp.where(k > warmup, now, was)
+                new = jax.tree.map(choose, new, total)
+            found.append(new)
+        return found
 
     def advance(carry: tuple, step: tuple) -> tuple[tuple, None]:
         states, previous, sums = carry
@@ -126,53 +136,51 @@ def session(
             new, latest, sums = carry
             block = grid.block(n)
             part = measured if is_whole else block
-            seen = {view: renderer.frame(view, block, k, now) for view in early}
+            seen = {p: renderer.frame(p, block, k, now) for p in early}
             mine, pictures = kept_block(states, seen, k, now)
-            shown, before = {}, {}
-            for place, i in enumerate(keeping):
-                kept = mine[place].under(block) if shows_kept[i] else pictures[place]
-                shown[i] = blocks.part_of(kept, block, part)
-            for i in everyone:
-                if shows_kept[i]:
-                    before[i] = states[keeping.index(i)].under(part)
+            shown, before = [], []
+            for i, player in enumerate(players):
+                if player.shows_its_history:
+                    pictures[i] = mine[i].under(block)
+                    before.append(states[i].under(part))
                 else:
-                    before[i] = blocks.part_of(previous[i], shown_region, part)
+                    before.append(blocks.part_of(previous[i], shown_region, part))
+                cut = lambda picture: blocks.part_of(picture, block, part)
+                shown.append(cut(pictures[i]) if player.keeps else None)
 
-            def look() -> tuple[dict, list]:
+            def look() -> tuple[list, list]:
                 """Show what keeps nothing, and measure all."""
-                late = {view: cropped(frame, part) for view, frame in seen.items()}
-
-                def frame(view: View) -> Any:
-                    if view not in late:
-                        late[view] = renderer.frame(view, part, k, now)
-                    return late[view]
-
-                every = dict(shown)
-                for i in set(everyone) - set(keeping):
-                    if is_local[i]:
-                        every[i] = techniques[i].step(None, frame(views[i]), now)[1]
-                    else:
-                        whole = renderer.frame(views[i], block, k, now)
-                        picture = techniques[i].step(None, whole, now)[1]
-                        every[i] = blocks.part_of(picture, block, part)
-                reference = frame(REFERENCE).color[0] if has_reference else None
+                shots = Shots(renderer, k, now, seen)
+                every = [
+                    shown[i] if p.keeps else p.alone(shots, block, part, now)
+                    for i, p in enumerate(players)
+                ]
+                reference = None
+                if has_reference:
+                    reference = shots.part(REFERENCE, part).color[0]
                 return every, [
-                    measure(sums[i], every[i], before[i], reference, part, k)
-                    for i in everyone
+                    measure(*each, reference, part, k)
+                    for each in zip(sums, every, before, strict=True)
                 ]
 
-            def wait() -> tuple[dict, list]:
-                return before | shown, sums
+            def wait() -> tuple[list, list]:
+                pairs = zip(shown, before, strict=True)
+                return [b if s is None else s for s, b in pairs], sums
 
             every, sums = jax.lax.cond(k >= warmup, look, wait)
-            if is_whole:
-                mine = blocks.kept(mine, region, rim_px)
-                kept = [p if shows_kept[i] else every[i] for i, p in enumerate(latest)]
-                return mine, kept, sums
             place = blocks.start(region, part)
-            write = lambda old, i: jax.lax.dynamic_update_slice(old, every[i], place)
-            kept = [p if shows_kept[i] else write(p, i) for i, p in enumerate(latest)]
-            return blocks.written(new, mine, block), kept, sums
+
+            def kept(player: Stepped, old: Array, picture: Rgb) -> Array:
+                if player.shows_its_history:
+                    return old
+                if is_whole:
+                    return picture
+                return jax.lax.dynamic_update_slice(old, picture, place)
+
+            latest = list(map(kept, players, latest, every))
+            if is_whole:
+                return blocks.kept(mine, region, rim_px), latest, sums
+            return blocks.written(new, mine, block), latest, sums
 
         if is_whole:
             return on_block(jnp.int32(0), (states, previous, sums)), None
@@ -181,26 +189,12 @@ def session(
         new, latest, sums = jax.lax.fori_loop(0, grid.count, on_block, start)
         return (blocks.rimmed(new), latest, sums), None
 
-    def measure(
-        sums: list, shown: Rgb, before: Rgb, reference: Rgb | None, part: Region, k: Any
-    ) -> list:
-        is_same_size = (part.width, part.height) == (measured.width, measured.height)
-        is_measured = None if is_same_size else part.is_in(measured)
-        found = []
-        for metric, total in zip(metrics, sums, strict=True):
-            new = metric.step(total, shown, before, reference, is_measured)
-            if metric.is_of_pairs:  # the first measured frame has none before it
-                choose = lambda now, was: jnp.where(k > warmup, now, was)
-                new = jax.tree.map(choose, new, total)
-            found.append(new)
-        return found
-
     dtype = motion.offset.dtype
     size = (3, shown_region.height, shown_region.width)
     start = (
-        blocks.blank([shapes[i] for i in keeping], region, rim_px),
-        [jnp.zeros((0,) if shows_kept[i] else size, dtype) for i in everyone],
-        [[metric.init(measured, dtype) for metric in metrics] for _ in everyone],
+        blocks.blank(empty, region, rim_px),
+        [jnp.zeros((0,) if p.shows_its_history else size, dtype) for p in players],
+        [[metric.init(measured, dtype) for metric in metrics] for _ in players],
     )
     steps = jnp.arange(first, motion.offset.shape[0], dtype=jnp.int32)
     motions = jax.tree.map(lambda leaf: leaf[first:], motion)
@@ -216,6 +210,10 @@ def session(
         pairs = zip(metrics, totals, strict=True)
         results.append(Result({m.id: m.value(total) + failed for m, total in pairs}))
     return tuple(results)
+
+
+def _same_size(one: Region, other: Region) -> bool:
+    return (one.width, one.height) == (other.width, other.height)
 
 
 def differentiable_session(

@@ -16,6 +16,7 @@ from ..frames.displacement import Reading
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.sources import Texture
 from ..metrics import STANDARD, AbstractMetric
+from ..metrics.base import check_metrics
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..techniques.base import AbstractTechnique
@@ -90,6 +91,7 @@ def simulate(
     check_texture(texture, camera, region)
     check_gives(texture.gives, "this scene", technique)
     check_hints(technique)
+    check_metrics(metrics)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
     stored = texture.color_texels.dtype

@@ -1,18 +1,18 @@
-"""What techniques see of a pose: each sample pattern is rendered once for all of them.
+"""What techniques see of a pose, and what a session has to know of them beforehand.
 
-And what is to be known of a technique before it runs: what it keeps, what it shows.
+Each sample pattern is rendered once, for all techniques that ask for it.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .. import rendering
-from .._types import WholeNumber
+from .._types import Rgb, WholeNumber
 from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.frame import Frame
@@ -22,62 +22,87 @@ from ..techniques.base import AbstractTechnique, State
 from . import blocks
 
 
-class View(NamedTuple):
-    """How a pixel is sampled: techniques with equal views see the same frame.
+class Pattern(NamedTuple):
+    """How pixels are sampled: techniques with equal patterns see the same frame.
 
-    - `samples`: the table of sample positions, as bytes; empty for the SSAA(4) channel.
-    - `channels`: what else the frame holds.
+    - `samples`: the table of sample positions, `[period][sample][x, y]`, px; empty for
+      the SSAA(4) channel.
+    - `channels`: what the frame holds.
     """
 
-    samples: bytes
+    samples: tuple
     channels: frozenset[str]
 
+    @classmethod
+    def of(cls, technique: AbstractTechnique) -> "Pattern":
+        """Return the pattern that a technique asks for."""
+        if technique.reads_supersampled:
+            return REFERENCE
+        table = technique.sample_offsets_px
+        rows = tuple(tuple(map(tuple, row)) for row in table.tolist())
+        return cls(rows, technique.needs)
 
-REFERENCE = View(b"", frozenset({"supersampled"}))
+
+REFERENCE = Pattern((), frozenset({"supersampled"}))
 
 
-def view_of(technique: AbstractTechnique) -> View:
-    """Return the view that a technique asks for."""
-    if technique.reads_supersampled:
-        return REFERENCE
-    return View(technique.sample_offsets_px.tobytes(), technique.needs)
+class Renderer(NamedTuple):
+    """Renders patterns of a source."""
 
+    source: AbstractSource
+    camera: Camera
+    reading: Reading
 
-class Renderer:
-    """Renders the views of some techniques."""
-
-    def __init__(
-        self,
-        source: AbstractSource,
-        camera: Camera,
-        techniques: Sequence[AbstractTechnique],
-        reading: Reading,
-    ):
-        self._source, self._camera, self._reading = source, camera, reading
-        self._tables = {view_of(t): t.sample_offsets_px for t in techniques}
-
-    def frame(self, view: View, part: Region, k: WholeNumber, now: Motion) -> Frame:
+    def frame(
+        self, pattern: Pattern, part: Region, k: WholeNumber, now: Motion
+    ) -> Frame:
         """Render frame k of a part of the camera frame."""
-        table = self._tables.get(view)
-        if view == REFERENCE or table is None:
-            row = jnp.zeros((1, 2), now.offset.dtype)
-        else:
-            # Rows of a table of one stay NumPy: a sample at the centre costs nothing.
-            row = table[0] if len(table) == 1 else jnp.asarray(table)[k % len(table)]
+        table = pattern.samples or (((0.0, 0.0),),)
+        # Rows of a table of one stay NumPy: a sample at the centre costs nothing.
+        rows = np.asarray(table)
+        row = rows[0] if len(rows) == 1 else jnp.asarray(rows)[k % len(rows)]
         return rendering.render(
-            self._source,
-            self._camera,
+            self.source,
+            self.camera,
             part,
             now.offset,
             row,
             position_m=now.position_m,
-            channels=view.channels,
-            supersampled=view == REFERENCE,
-            reading=self._reading,
+            channels=pattern.channels,
+            supersampled=pattern == REFERENCE,
+            reading=self.reading,
         )
 
 
-def cropped(frame: Frame, part: Region) -> Frame:
+class Shots:
+    """Frames of one pose: each pattern is rendered once, and cut out of what is there.
+
+    - `whole`: what was rendered of a block.
+    """
+
+    def __init__(self, renderer: Renderer, k: WholeNumber, now: Motion, whole: dict):
+        self._renderer, self._k, self._now = renderer, k, now
+        self._whole, self._parts = dict(whole), {}
+
+    def whole(self, pattern: Pattern, block: Region) -> Frame:
+        """Frame of a block."""
+        if pattern not in self._whole:
+            frame = self._renderer.frame(pattern, block, self._k, self._now)
+            self._whole[pattern] = frame
+        return self._whole[pattern]
+
+    def part(self, pattern: Pattern, part: Region) -> Frame:
+        """Frame of a part of the block."""
+        if pattern not in self._parts:
+            if pattern in self._whole:
+                self._parts[pattern] = _cropped(self._whole[pattern], part)
+            else:
+                frame = self._renderer.frame(pattern, part, self._k, self._now)
+                self._parts[pattern] = frame
+        return self._parts[pattern]
+
+
+def _cropped(frame: Frame, part: Region) -> Frame:
     """Cut a part out of a frame, which holds it."""
 
     def cut(planes: Array) -> Array:
@@ -89,20 +114,65 @@ def cropped(frame: Frame, part: Region) -> Frame:
     )
 
 
-def shows_its_history(
+class Stepped(NamedTuple):
+    """A technique, and what is known of it before it runs.
+
+    - `empty`: shapes of its state.
+    - `shows_its_history`: whether all that it keeps is what it displays.
+    - `is_local`: whether it reads no neighbour, in the current frame or the past.
+    """
+
+    technique: AbstractTechnique
+    pattern: Pattern
+    empty: State
+    shows_its_history: bool
+    is_local: bool
+
+    @classmethod
+    def of(
+        cls,
+        technique: AbstractTechnique,
+        renderer: Renderer,
+        region: Region,
+        motion: Motion,
+    ) -> "Stepped":
+        """Find out; `motion`: at one frame."""
+        pattern = Pattern.of(technique)
+        render = lambda now: renderer.frame(pattern, region, 0, now)
+        frame = jax.eval_shape(render, motion)
+        empty = jax.eval_shape(technique.init, frame)
+        shows = _shows_its_history(technique, empty, frame, motion)
+        is_local = technique.stencil_radius_px == 0
+        return cls(technique, pattern, empty, shows, is_local)
+
+    @property
+    def keeps(self) -> bool:
+        """Whether it has a state; else it shows each frame on its own."""
+        return bool(jax.tree.leaves(self.empty))
+
+    def alone(self, shots: Shots, block: Region, part: Region, now: Motion) -> Rgb:
+        """Display a part of a block, of a technique that keeps nothing."""
+        if self.is_local:
+            frame = shots.part(self.pattern, part)
+            return self.technique.step(self.empty, frame, now)[1]
+        frame = shots.whole(self.pattern, block)
+        shown = self.technique.step(self.empty, frame, now)[1]
+        return blocks.part_of(shown, block, part)
+
+
+def _shows_its_history(
     technique: AbstractTechnique, state: State, frame: Frame, motion: Motion
 ) -> bool:
     """Whether all that a technique keeps is what it displays, by how it computes them.
 
-    **Arguments:** `state`: its shapes suffice. False is always safe: what is displayed
-    is then carried along as well.
+    **Arguments:** `state`, `frame`: their shapes suffice. False is always safe: what is
+    displayed is then carried along as well.
     """
     if not isinstance(state, History):
         return False
     step = lambda state, frame, motion: technique.step(state, frame, motion)
     traced, (kept, _) = jax.make_jaxpr(step, return_shape=True)(state, frame, motion)
-    leaves = jax.tree.leaves(kept)
-    if not isinstance(kept, History) or len(leaves) != 1:
+    if not isinstance(kept, History) or len(jax.tree.leaves(kept)) != 1:
         return False
     made_by = {out: eqn for eqn in traced.jaxpr.eqns for out in eqn.outvars}
 

@@ -30,7 +30,14 @@ def gathered(
 
     dims = ("technique", "scene", "session")
     variables: dict[str, Any] = {
-        metric.id: (dims, values, {"units": metric.unit})
+        metric.id: (
+            dims,
+            values,
+            {
+                "units": metric.unit,
+                "better": "less" if metric.less_is_better else "more",
+            },
+        )
         for metric, values in zip(study.metrics, measured, strict=True)
     }
     about = {"units": "deg", "long_name": "RMS rotation per frame"}

@@ -9,6 +9,7 @@ from ..camera import Camera
 from ..estimates.summary import GEOMETRIC_MEAN, POOLED
 from ..head_motion import HeadMotion
 from ..metrics import STANDARD, AbstractMetric
+from ..metrics.base import check_metrics
 from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene
 from ..simulation.simulate import check_gives
@@ -50,10 +51,7 @@ class StudyDefinition(eqx.Module):
                 f"techniques must have distinct ids, got {', '.join(ids)}."
             )
         _checks.one_of("baseline", self.baseline, ids)
-        metrics = [metric.id for metric in self.metrics]
-        if not metrics or len(set(metrics)) < len(metrics):
-            named = ", ".join(metrics) or "none"
-            raise ValueError(f"metrics must be one or more, all distinct, got {named}.")
+        check_metrics(self.metrics)
         _checks.whole("sessions", self.sessions, 1)
         _checks.whole("frames", self.frames, 2)
         _checks.whole("warmup", self.warmup, 0)

@@ -36,7 +36,7 @@ def attributes(
     centre, side = size / 2, size * np.array([1, 0.5], np.float32)
     along_yaw = lambda place: float(pinhole.px_per_deg(camera, jnp.asarray(place))[0])
     return {
-        "title": "MTCD and detail loss of simulated viewing sessions",
+        "title": "What simulated viewing sessions measured",
         "hmdjit_version": __version__,
         "model_version": MODEL_VERSION,
         "config_hash": config_hash,

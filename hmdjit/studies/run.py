@@ -22,6 +22,7 @@ from ..scenes.base import AbstractScene
 from ..simulation.sharding import placed
 from ..techniques.base import AbstractTechnique
 from ..techniques.check import check_hints
+from ..techniques.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from .dataset import gathered, write_dataset
 from .definition import StudyDefinition
@@ -129,7 +130,11 @@ class Run:
         paths = controls = None
         if isinstance(study.measure, Tiles):
             side = study.measure.size_px
-            models = {fingerprint(model): model for model in map(control_of, runs)}
+            models = {
+                fingerprint(m): m
+                for m in map(control_of, runs)
+                if not isinstance(m, Still)
+            }
             controls = Controls(list(models.values()), camera, study.warmup, side)
             cells = (camera.width_px // side) * (camera.height_px // side)
             several = Tiles(min(PATH_TILES, cells), side)

@@ -18,6 +18,7 @@ from ..simulation.halo import needed_halo_px
 from ..simulation.session import Result, fastest_reading, session
 from ..simulation.sharding import over_sessions
 from ..techniques.base import AbstractTechnique
+from ..techniques.check import check_hints
 from .measured_blocks import Measurement
 from .sessions import Batch
 from .store import fingerprint
@@ -45,6 +46,7 @@ class Runner:
         self.block = measure.block_size(camera)
         self._usual_halo: dict[str, int] = {}
         for technique in techniques:
+            check_hints(technique)
             need = int(np.max(self._needed_halo(technique, pilot)))
             self._usual_halo[fingerprint(technique)] = -(-need // 4) * 4
 

@@ -75,7 +75,8 @@ class Store:
     """Batches of a study; in a folder, or nowhere.
 
     A file holds what one dispatch measured, of one technique or several. A technique
-    that is added to a study later is measured alone, into a file of its own.
+    that is added to a study later is measured alone, into a file of its own; its halo
+    may be another than beside others, which moves it by less than `HALO_TOLERANCE`.
     """
 
     def __init__(self, folder: Path | None):
@@ -99,7 +100,7 @@ class Store:
             ):
                 values: dict[str, dict[str, np.ndarray]] = {}
                 for entry in file.files:
-                    technique, metric = entry.split(".")
+                    technique, metric = entry.split(".", 1)
                     values.setdefault(technique, {})[metric] = file[entry]
                 found |= {key: Result(metrics) for key, metrics in values.items()}
         return found

@@ -4,7 +4,7 @@ A technique is a frozen configuration. It must say its `id`, `init(frame) -> sta
 `step(state, frame, motion) -> (state, displayed)`: pure, per region, on planes. A
 session calls `init` with its first frame and `step` with every frame, the first one
 included (motion 0), so that displayed frame 0 is frame 0. Sources (history) are read
-only through `source.at(displacement)`, outside of `jax.lax.cond` and of loops.
+only through `source.at(displacement)`: not inside of `jit`, `vmap`, `cond` or loops.
 
 Where it needs them it also says `needs`, the channels of a frame, and
 `sample_offsets_px`. All else has a safe default: what there is to know for speed is
@@ -29,7 +29,7 @@ from .. import color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
-from .small_motion import AsRendered, SmallMotion
+from .small_motion import SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
@@ -73,7 +73,7 @@ class AbstractTechnique(eqx.Module):
         """How far around a pixel the current frame and the history are read.
 
         None lets the engine find it, by what a changed pixel changes. A technique whose
-        reach depends on the picture, as a search along an edge, must say it.
+        reach depends on the picture, as a search along an edge does, must say it.
         """
         return None
 
@@ -118,10 +118,6 @@ class AbstractSpatial(AbstractTechnique):
     def step(self, state: None, frame: Frame, motion: Motion) -> tuple[None, Rgb]:
         """Show the resolved frame."""
         return None, self.resolve(frame)
-
-    def small_motion(self) -> SmallMotion:
-        """Move with the scene."""
-        return AsRendered()
 
 
 def mean_of_samples(samples: Samples, space: str) -> Rgb:

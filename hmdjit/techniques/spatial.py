@@ -8,6 +8,7 @@ from .. import _checks, sample_patterns
 from .._types import Rgb
 from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial, mean_of_samples
+from .small_motion import AsRendered
 
 
 class _OwnSamples(AbstractSpatial):
@@ -17,6 +18,10 @@ class _OwnSamples(AbstractSpatial):
     def stencil_radius_px(self) -> int:
         """No neighbour is read."""
         return 0
+
+    def small_motion(self) -> AsRendered:
+        """Move with the scene."""
+        return AsRendered()
 
 
 class NoAntialiasing(_OwnSamples):
