@@ -47,7 +47,9 @@ def _scalar(over: str, extremes: tuple, drawn: Any, spare: int) -> Argument:
     return Argument(over, draw)
 
 
-def uniform(over: str, *extremes: Number, low: float = 0, high: float = 0) -> Argument:
+def uniform(
+    over: str, *extremes: Number, low: Number = 0, high: Number = 0
+) -> Argument:
     """Extremes in turn; if there is a range, then as many (at least 4) within it."""
     spare = max(len(extremes), 4) if high else 0
     return _scalar(over, extremes, lambda rng: rng.uniform(low, high), spare)
