@@ -37,16 +37,14 @@ def turned(start: Any, rotation: Any) -> np.ndarray:
 # --- scalars ---
 
 
-def _scalar(
-    over: str, extremes: tuple[Number, ...], drawn: Any, spare: int
-) -> Argument:
-    period = len(extremes) + spare
-    return Argument(
-        over,
-        lambda rng, dtype, n: (
-            extremes[n % period] if n % period < len(extremes) else float(drawn(rng))
-        ),
-    )
+def _scalar(over: str, extremes: tuple, drawn: Any, spare: int) -> Argument:
+    count = len(extremes)
+
+    def draw(rng: Rng, dtype: np.dtype, n: int) -> Number:
+        place = n % (count + spare)
+        return extremes[place] if place < count else float(drawn(rng))
+
+    return Argument(over, draw)
 
 
 def uniform(
@@ -107,9 +105,7 @@ def _rotation(rng: Rng, n: int, least: float, most: float) -> np.ndarray:
 def rotation(least: float = 0.0, most: float = math.pi) -> Argument:
     """Rotation vectors of every angle, rad; none among them unless all are large."""
     words = f"{least:g}" if least else "denormals, 1e-30"
-    words = (
-        f"{words} to {most:.3g} rad" if least >= 1 else f"0, {words} to {most:.3g} rad"
-    )
+    words = "0, " * (least < 1) + f"{words} to {most:.3g} rad"
     return Argument(words, lambda rng, dtype, n: _rotation(rng, n, least, most))
 
 

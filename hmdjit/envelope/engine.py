@@ -158,12 +158,8 @@ def _errors(
     return [*errors, max(worst)]
 
 
-def _float(error: Any) -> float:
-    return math.inf if mp.isnan(error) else float(error)
-
-
-def _is_floating(argument: Any) -> bool:
-    return getattr(argument, "dtype", np.dtype(int)).kind == "f"
+_float = lambda error: math.inf if mp.isnan(error) else float(error)
+_is_floating = lambda argument: getattr(argument, "dtype", np.dtype(int)).kind == "f"
 
 
 def exact_numbers(argument: Any) -> Any:
@@ -209,11 +205,7 @@ def describe(arguments: Inputs) -> str:
     texts = []
     for x in arguments:
         if isinstance(x, np.ndarray | np.generic):
-            is_small, ends = x.size <= 100, (float(np.min(x)), float(np.max(x)))
-            x = (
-                x.tolist()
-                if is_small
-                else f"{x.shape} numbers, {ends[0]!r} to {ends[1]!r}"
-            )
+            ends = f"{float(np.min(x))!r} to {float(np.max(x))!r}"
+            x = x.tolist() if x.size <= 100 else f"{x.shape} numbers, {ends}"
         texts.append(" ".join(str(x).split()))
     return " ".join(texts)

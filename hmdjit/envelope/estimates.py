@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..estimates import estimate, intervals, planning
-from ..estimates.estimate import Estimate
 from ..estimates.intervals import Interval
 from .exact_estimates import Mean, Truth, gain, interval, truth
 from .row import Argument, Bound, Rng, Row, Sized, mp
@@ -25,28 +24,16 @@ way. Of a standard error that is half, and three for the roots and quotients."""
 # --- sessions ---
 
 
-def _near(z: np.ndarray) -> np.ndarray:
-    return 1 + 1e-12 * z
-
-
-def _heavy(z: np.ndarray) -> np.ndarray:
-    return 0.1 + np.exp(3 * z)  # enough for a ratio, however few
-
-
 def _failed(z: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.exp(z), np.exp(w)
     x[1::3], y[2::4] = np.nan, np.nan
     return x, y
 
 
-def _level(level: float) -> Callable:
-    return lambda z, w: (0 * z + 0.7 * level, 0 * w + level)
-
-
-def _size(size: float) -> Callable:
-    return lambda z, w: (size * np.exp(z / 2), max(size, 1.0) * np.exp(w / 2))
-
-
+_near = lambda z: 1 + 1e-12 * z
+_heavy = lambda z: 0.1 + np.exp(3 * z)  # enough for a ratio, however few
+_level = lambda level: lambda z, w: (0 * z + 0.7 * level, 0 * w + level)
+_size = lambda x: lambda z, w: (x * np.exp(z / 2), max(x, 1.0) * np.exp(w / 2))
 # Of a technique and a baseline, code values, from two normal numbers per session.
 _MANY = {
     "equal but for 1e-12": lambda z, w: (0.3 * _near(z), _near(w)),
@@ -120,13 +107,9 @@ def _with_paths(rng: Rng, dtype: np.dtype, n: int) -> Sessions:
     return Sessions(f"{kind}, slope {slope:g}", values)
 
 
-def _flickers(sessions: Sessions) -> bool:
-    return bool(np.all(np.nansum(sessions.values[0], axis=-1) > 0))
-
-
-def _is_known(sessions: Sessions) -> bool:
-    return _flickers(sessions) and bool(np.isfinite(sum(sessions.values[:2])).all())
-
+_flickers = lambda s: np.all(np.nansum(s.values[0], axis=-1) > 0)
+_is_known = lambda s: _flickers(s) and np.isfinite(sum(s.values[:2])).all()
+_has_spread = lambda s: _flickers(s) and s.values[0].shape[1] > 1
 
 # --- exactly, by their definitions ---
 
@@ -215,8 +198,7 @@ def _of_interval(found: Interval) -> list[float]:
     return [value, float(error > 0), *beyond]
 
 
-def _of_estimate(found: Estimate) -> list[float]:
-    return [found.value, found.standard_error]
+_of_estimate = lambda found: [found.value, found.standard_error]
 
 
 def _estimates(sessions: Sessions) -> list[float]:
@@ -254,9 +236,9 @@ def _mean_intervals(sessions: Sessions) -> list[float]:
 
 
 def _control(sessions: Sessions) -> list[float]:
-    *values, slope = sessions.values
-    found = estimate.control_variate(*values, float(slope), nan_policy="omit")
-    return _of_estimate(found)
+    y, t, paths, slope = sessions.values
+    omit: Any = {"nan_policy": "omit"}
+    return _of_estimate(estimate.control_variate(y, t, paths, float(slope), **omit))
 
 
 _exact_intervals = lambda s: _joined(interval(_mean(x)) for x in s.values)
@@ -264,7 +246,6 @@ _exact_means = lambda s: _joined(_mean(x, cut=False).estimate for x in s.values)
 _exact_ratio = lambda s: interval(_ratio(*s.values))
 _exact_slopes = lambda s: interval(_log_ratio_derivative(*s.values))
 _exact_control = lambda s: _controlled(*s.values).estimate
-_has_spread = lambda s: _flickers(s) and s.values[0].shape[1] > 1
 _LOGARITHM = "log_ratio_derivative_interval"
 _ALL = "estimate.ratio, geometric_mean, pairing_gain"
 _LOOKS = Argument("looks 1 to 199", lambda rng, dtype, n: min(5 * n + 1, 199))

@@ -228,7 +228,7 @@ def _or_time(arguments: Inputs, index: int) -> float:
 
 # Smaller turns have squares, or slopes of them, that are denormal in float32.
 _turn_is_seen = lambda *head: not head[-1] or _turn(*head) > 1e-15
-_step_is_seen = lambda *head: _turn(*head[:3], 1 / head[-1]) > 1e-17
+_step_is_seen = lambda a, b, c, *others: _turn(a, b, c, 1 / others[-1]) > 1e-17
 _wandering, _ringing = (
     partial(_law, *kind) for kind in ((_wander, _wander_terms), (_mode, _mode_terms))
 )
