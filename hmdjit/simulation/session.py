@@ -138,7 +138,7 @@ def session(
                 else:
                     before[i] = blocks.part_of(previous[i], shown_region, part)
 
-            def look() -> tuple[dict, list]:
+            def measured_frame() -> tuple[dict, list]:
                 """Show what keeps nothing, and measure all."""
                 late = {view: cropped(frame, part) for view, frame in seen.items()}
 
@@ -164,7 +164,7 @@ def session(
             def wait() -> tuple[dict, list]:
                 return before | shown, sums
 
-            every, sums = jax.lax.cond(k >= warmup, look, wait)
+            every, sums = jax.lax.cond(k >= warmup, measured_frame, wait)
             if is_whole:
                 mine = blocks.kept(mine, region, rim_px)
                 kept = [p if shows_kept[i] else every[i] for i, p in enumerate(latest)]

@@ -120,7 +120,7 @@ class AbstractSpatial(AbstractTechnique):
         return None, self.resolve(frame)
 
     def small_motion(self) -> SmallMotion:
-        """Move with the scene."""
+        """Say that the display moves with the scene."""
         return AsRendered()
 
 

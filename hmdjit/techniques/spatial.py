@@ -24,7 +24,7 @@ class NoAntialiasing(_OwnSamples):
 
     @property
     def id(self) -> str:
-        """`none`."""
+        """The one id, `none`."""
         return "none"
 
     def resolve(self, frame: Frame) -> Rgb:
