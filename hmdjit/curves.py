@@ -46,12 +46,12 @@ class Linear(AbstractCurve):
     """
 
     def __call__(self, share: Numbers | Scalar) -> Numbers:
-        """Return the share."""
+        """Return the share itself."""
         return jnp.asarray(share)
 
     @property
     def steepest(self) -> float:
-        """1."""
+        """Slope of the straight line, 1."""
         return 1.0
 
 

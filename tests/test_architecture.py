@@ -95,7 +95,7 @@ FOLDERS = {
         ("run",),
         ("study",),
     ],
-    "trade_off": [("settings",), ("bench",), ("trade_off",), ("measuring", "choice")],
+    "trade_off": [("settings",), ("bench",), ("trade_off",), ("measurement", "choice")],
     "sensitivity": [("derivatives",), ("sensitivity",)],
     "curve_fitting": [
         ("space", "search"),

@@ -45,10 +45,6 @@ def test_frames_and_a_pose_log_run_as_printed(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    not hasattr(hj.techniques, "check"),
-    reason="techniques must still say how far their history reaches",
-)
 def test_a_technique_of_ones_own_runs_as_printed(capsys):
     assert len(TECHNIQUE.partition("class ")[2].partition("\n\n\n")[0].split("\n")) < 20
     short = TECHNIQUE.replace("sessions=500", "sessions=4")

@@ -198,10 +198,10 @@ def test_names_of_points_do_not_overlap():
         assert not any(box.overlaps(other) for other in boxes[:index])
 
 
-def test_every_technique_keeps_its_look():
-    look = Compared(MANY, ROWS_OF_MANY).look
-    assert len(set(look.values())) == MANY.sizes["technique"] == 17
-    assert look["msaa4"][0] == "black"
+def test_every_technique_keeps_its_style():
+    style = Compared(MANY, ROWS_OF_MANY).style
+    assert len(set(style.values())) == MANY.sizes["technique"] == 17
+    assert style["msaa4"][0] == "black"
 
 
 def test_each_metric_that_a_study_has_is_told(tmp_path):

@@ -15,7 +15,7 @@ import hmdjit as hj
 from hmdjit.estimates.summary import summarize
 from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.studies import run as monte_carlo
-from hmdjit.studies import runner as measuring
+from hmdjit.studies import runner as batches
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
 
@@ -136,13 +136,13 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
 @pytest.mark.slow
 def test_one_compilation_serves_all_techniques_and_scenes(monkeypatch):
     traced = []
-    one_session = measuring.session
+    one_session = batches.session
 
     def counted(source, camera, techniques, *arguments, **options):
         traced.append([technique.id for technique in techniques])
         return one_session(source, camera, techniques, *arguments, **options)
 
-    monkeypatch.setattr(measuring, "session", counted)
+    monkeypatch.setattr(batches, "session", counted)
     jax.clear_caches()
     rows = [hj.techniques.by_id(id) for id in ("none", "msaa4", "freeze")]
     _study(techniques=rows, sessions=7).run(seed=0, batch_size=4)
@@ -191,7 +191,7 @@ def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     need = needed_halo_px(kim, calm.display, batch.motion, batch.origins, (16, 16))
 
     def runner(pilot):
-        return measuring.Runner(calm.display, calm.measure, [kim], 2, 6, pilot)
+        return batches.Runner(calm.display, calm.measure, [kim], 2, 6, pilot)
 
     assert not runner(batch).is_wide([kim], batch).any()
     calmest = runner(batch.select(np.array([need.argmin()])))
@@ -207,11 +207,11 @@ def test_a_wide_session_equals_itself_in_a_wide_study():
     texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
     kim = hj.techniques.HeadMovement()
     batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
-    runner = measuring.Runner(CAMERA, study.measure, [kim], study.warmup, 6, batch)
+    runner = batches.Runner(CAMERA, study.measure, [kim], study.warmup, 6, batch)
     (usual,) = runner.run([kim], texture, batch)
     still = jax.tree.map(np.zeros_like, batch.motion)
     for pilot in (batch._replace(motion=still), batch):
-        other = measuring.Runner(CAMERA, study.measure, [kim], study.warmup, 6, pilot)
+        other = batches.Runner(CAMERA, study.measure, [kim], study.warmup, 6, pilot)
         (again,) = other.run([kim], texture, batch)
         # Errors beyond a halo reach the tile with less than 1e-5 of the colour range;
         # MTCD moves by at most 2 x 255 x sqrt(3) times that.

@@ -112,3 +112,14 @@ def test_a_missing_package_is_named(missing, call, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ImportError, match=r"install `hmdjit\[study\]`"):
         call()
+
+
+def test_text_that_is_not_static_is_refused():
+    class Grey(scenes.AbstractFlatScene):
+        name: str = "grey"
+
+        def plane_color(self, camera, x, y):
+            return jnp.full((3, *x.shape), 0.5)
+
+    with pytest.raises(ValueError, match=r"^name must be static: eqx\.field"):
+        Grey()

@@ -100,7 +100,7 @@ def test_the_plan_is_told_and_kept(precise):
     assert len(lines) == 2
     for line, plan in zip(lines, plans, strict=True):
         assert line.startswith(f"{plan['scene']}: {plan['estimator']}, ")
-        assert plan["looks"] >= 1
+        assert plan["interim_analyses"] >= 1
     assert dataset.attrs["tolerance"] == 0.05
 
 
@@ -214,7 +214,7 @@ def test_heads_that_leave_the_margin_stop_the_study(omit_failed, who):
 def test_failed_sessions_are_left_out_only_by_choice(precise):
     data = precise[0].copy(deep=True)
     # That a frozen picture was not run further is no failure.
-    data["count"][2] = 64
+    data["simulated_sessions"][2] = 64
     data["mtcd"][2, :, 64:] = data["detail_loss"][2, :, 64:] = np.nan
     expected = rows_of(data)
     data["mtcd"][1, 0, 5] = np.nan
@@ -286,8 +286,8 @@ def test_no_times_are_refused(text):
 def test_intervals_cover(tolerance, capsys):
     """Of 200 replications at least 180 cover, means and ratios.
 
-    Nominal is 97.5 % (the first look) and more. At 95 % the chance of fewer than 180 of
-    200 is 0.2 %, for the six numbers here together below 1.2 %.
+    Nominal is 97.5 % (the first interim analysis) and more. At 95 % the chance of fewer
+    than 180 of 200 is 0.2 %, for the six numbers here together below 1.2 %.
     """
     truth = rows_of(study().run(1_000_000, tolerance=tolerance / 10))
     names = [("none", "mean"), ("head_movement", "mean"), ("head_movement", "ratio")]

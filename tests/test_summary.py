@@ -9,7 +9,7 @@ import xarray
 from hmdjit.estimates.estimate import combined, control_variate, pairing_gain, ratio
 from hmdjit.estimates.intervals import ratio_interval
 from hmdjit.estimates.planning import figure_of_merit, interim_level
-from hmdjit.estimates.summary import summarize, write_csv
+from hmdjit.estimates.summary import SummaryRow, summarize, write_csv
 
 DESIGN_COLUMNS = (
     "technique,scene,sessions,mean,standard_error,low,high,q05,q50,q95,"
@@ -233,12 +233,18 @@ def test_results_are_deterministic(tmp_path):
         assert first == again
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path):
+def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+    class Unwritable:
+        def __str__(self):
+            raise RuntimeError("unwritable")
+
     rows = summarize(study())
     path = write_csv(rows, tmp_path / "summary.csv")
     before = path.read_bytes()
-    with pytest.raises(AttributeError):
-        write_csv([rows[0], 1], path)  # pyright: ignore[reportArgumentType]
+    columns = dict.fromkeys(rows[0].columns(), Unwritable())
+    monkeypatch.setattr(SummaryRow, "columns", lambda row: columns)
+    with pytest.raises(RuntimeError, match="unwritable"):
+        write_csv(rows, path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -284,10 +290,10 @@ def with_goal():
     return data.where(xarray.DataArray(~beyond, dims=(*cell, "session"))).assign(
         predicted=((*cell, "session"), predicted),
         predicted_extra_paths=((*cell, "extra_path"), paths),
-        slope=(cell, slope),
-        own_share=(cell, share),
-        count=(cell, counts),
-        look=("scene", [1, 3, 2]),
+        control_slope=(cell, slope),
+        between_session_share=(cell, share),
+        simulated_sessions=(cell, counts),
+        interim_analyses=("scene", [1, 3, 2]),
         seconds=("scene", [2.0, 3.0, 4.0]),
     )
 
@@ -295,7 +301,7 @@ def with_goal():
 def test_a_study_with_a_goal_has_control_variates_and_an_analysis_level():
     data = with_goal().assign_attrs(omit_failed=0)
     cells = by_cell(summarize(data))
-    names = ("mtcd", "predicted", "predicted_extra_paths", "slope")
+    names = ("mtcd", "predicted", "predicted_extra_paths", "control_slope")
 
     def estimate(t, s):
         y, predicted, paths, slope = (data[name].values[t, s] for name in names)
@@ -306,15 +312,15 @@ def test_a_study_with_a_goal_has_control_variates_and_an_analysis_level():
     means = [[estimate(t, s) for s in range(3)] for t in range(2)]
     x, y = means[1][1], means[0][1]
     pooled_x, pooled_y = (combined([1 / 3] * 3, scenes) for scenes in means[::-1])
-    for scene, of, base, look, seconds in (
+    for scene, of, base, analyses, seconds in (
         ("text", x, y, 3, 3.0),
         ("all", pooled_x, pooled_y, 3, 9.0),
     ):
         row, paired = cells["head_movement", scene], ratio(of, base)
         assert row.mean == pytest.approx(of.value, rel=1e-13)
-        step = interim_level(look) * of.standard_error
+        step = interim_level(analyses) * of.standard_error
         assert row.high - row.mean == pytest.approx(step, rel=1e-10)
-        step = interim_level(look) * paired.standard_error
+        step = interim_level(analyses) * paired.standard_error
         assert row.ratio_high - paired.value == pytest.approx(step, rel=1e-10)
         merit = figure_of_merit(of, seconds)
         assert row.figure_of_merit == pytest.approx(merit, rel=1e-10)
@@ -336,11 +342,11 @@ def test_what_a_frozen_picture_shows_is_known_without_a_goal_for_it():
     assert math.isfinite(row.ratio_low)
 
 
-def test_quantiles_are_drawn_towards_the_mean_by_the_sessions_own_share():
+def test_quantiles_are_drawn_towards_the_mean_by_the_sessions_between_session_share():
     data = with_goal()
     values = data["mtcd"].values[1, 0]
     raw = np.quantile(values, [0.05, 0.95])
-    share = math.sqrt(data["own_share"].values[1, 0])
+    share = math.sqrt(data["between_session_share"].values[1, 0])
     row = by_cell(summarize(data))["head_movement", "astronaut"]
     expected = values.mean() + share * (raw - values.mean())
     np.testing.assert_allclose([row.q05, row.q95], expected, rtol=1e-12)

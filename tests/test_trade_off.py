@@ -18,8 +18,7 @@ from hmdjit.estimates.intervals import Z95
 from hmdjit.figures import trade_off as trade_off_figure
 from hmdjit.frames.displacement import GATHER, Reading
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.trade_off import choice, settings, trade_off
-from hmdjit.trade_off import measuring as trade_off_measuring
+from hmdjit.trade_off import choice, measurement, settings, trade_off
 from hmdjit.trade_off.settings import Case, EverySample, Setting
 from hmdjit.trade_off.trade_off import Identity, Row
 
@@ -320,9 +319,7 @@ def measured():
     ]
     cases = [Case(setting, technique, technique) for setting in chosen]
     events = []
-    rows = list(
-        trade_off_measuring.measure(study, cases, sessions=4, progress=events.append)
-    )
+    rows = list(measurement.measure(study, cases, sessions=4, progress=events.append))
     return {row.setting: row for row in rows}, events
 
 
@@ -440,7 +437,7 @@ def test_an_interruption_keeps_what_is_measured(tmp_path, capsys, monkeypatch):
         yield row("first")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trade_off_measuring, "measure", interrupted)
+    monkeypatch.setattr(measurement, "measure", interrupted)
     out = tmp_path / "out"
     assert cli.run(["trade-off", "--out", str(out)]) == cli.INTERRUPTED
     assert "hmdjit: stopped; 1 of 30 rows are kept" in capsys.readouterr().err

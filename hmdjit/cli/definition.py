@@ -102,7 +102,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     if "margin" in numbers:
         numbers["margin_deg"] = numbers.pop("margin")
     check_seed(options.seed or 0)
-    # Numbers are checked before files are read: wrong ones are told at once.
+    # Numbers are checked before files are read: wrong ones are reported at once.
     for name, low in (("sessions", 1), ("frames", 2), ("warmup", 0)):
         _checks.whole(name, numbers.get(name, low), low)
     units = {"width": "px", "height": "px", "fov": "deg", "refresh": "hz"}

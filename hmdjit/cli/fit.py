@@ -46,8 +46,8 @@ class FitCommand:
 
     Writes a curve that `--techniques head_movement:curve.toml` reads, a picture of it
     beside Kim et al.'s, and one of the front of flicker and detail that it is on. What
-    it gains is told on sessions and on scenes that it was not fitted to. An interrupted
-    fit goes on where it stopped when the same command is run again.
+    it gains is measured on sessions and on scenes that it was not fitted to. An
+    interrupted fit goes on where it stopped when the same command is run again.
     """
 
     scenes: Annotated[

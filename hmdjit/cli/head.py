@@ -52,7 +52,7 @@ class Recordings:
     ] = 5.0
 
     def read(self, console: rich.console.Console) -> list[Trace]:
-        """Read all of them."""
+        """Read the traces, each once."""
         _checks.in_range("max_speed", self.max_speed, 0, open_low=True)
         console.print(f"Reading {len(self.traces)} recordings.", highlight=False)
         traces = [
@@ -141,7 +141,7 @@ class HeadCommand:
     command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[Command]]
 
     def run(self, console: rich.console.Console) -> int:
-        """Run its command."""
+        """Run the command of `head` that was asked for."""
         run(self.command, console)
         return OK
 

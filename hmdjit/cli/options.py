@@ -41,7 +41,7 @@ Seed = Annotated[int, shown("N", "Seed of all random draws")]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """What a study can be told; None, or False, keeps the default."""
+    """What can be said of a study; None, or False, keeps the default."""
 
     images: Annotated[
         tuple[Path, ...] | None,

@@ -13,7 +13,7 @@ from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
 from ..reports import trade_off as trade_off_report
 from ..studies.study import Study
-from ..trade_off import choice, measuring, settings, trade_off
+from ..trade_off import choice, measurement, settings, trade_off
 from ..trade_off.choice import Choice
 from . import definition
 from .options import OK, Fov, Head, Height, Seed, Width, check_can_write, shown
@@ -51,7 +51,9 @@ class TradeOffCommand:
         int | None,
         shown("N", f"Sessions of each setting (default: {_SESSIONS})."),
     ] = None
-    seconds: Annotated[float, shown("S", "Time at which total errors are told")] = 10.0
+    seconds: Annotated[float, shown("S", "Time at which total errors are compared")] = (
+        10.0
+    )
     quick: Annotated[
         bool, shown("", f"The main knobs only, {_QUICK_SESSIONS} sessions: 45 seconds.")
     ] = False
@@ -89,7 +91,7 @@ class TradeOffCommand:
         rows = []
         try:
             with Display(console) as display:
-                for row in measuring.measure(
+                for row in measurement.measure(
                     study,
                     cases,
                     seed=self.seed,

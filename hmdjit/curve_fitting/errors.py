@@ -23,7 +23,9 @@ _LEVEL = 0.95
 _REPLICATES = 1000
 _SEED = 20260101
 _FLAT = 1e-6  # of a number's own curvature: what is flatter is not determined
-_MOSTLY = 0.5  # a number's share of a flat direction, from which on it is not told
+_MOSTLY = (
+    0.5  # a number's share of a flat direction, from which on it is not identifiable
+)
 _FARTHEST = 3.0  # logits; Newton's step beyond is cut there
 
 Gradients = Float[np.ndarray, "sessions numbers"]

@@ -181,5 +181,5 @@ class Front:
 
 
 def _loss(found: Linearized) -> float:
-    """Mean detail loss."""
+    """Mean detail loss over scenes and sessions, relative to its unit."""
     return float(found.relative[..., 1].mean())

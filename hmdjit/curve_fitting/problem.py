@@ -61,7 +61,7 @@ class Problem(eqx.Module):
         return residuals.reshape(-1), slopes.reshape(-1, self.space.size)
 
     def at(self, point: Numbers) -> Linearized:
-        """Measure a point."""
+        """Measure flicker, detail loss and their slopes at a point."""
         found = _at(self, jnp.asarray(point, jnp.result_type(float)))
         return Linearized(*(np.asarray(part, float) for part in found))
 

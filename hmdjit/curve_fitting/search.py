@@ -25,7 +25,7 @@ Linearize = Callable[
 
 CONVERGED = "converged"
 
-_GAIN = 10.0  # of residuals and slopes, told the solver
+_GAIN = 10.0  # of residuals and slopes, as the solver gets them
 
 
 class NoFitError(ValueError):
@@ -109,12 +109,12 @@ def _solved(
         found, slopes = with_slopes(*primals)
         return found, slopes @ tangents[0]
 
-    def told(point: Array, linearize: Linearize) -> tuple[Array, Array]:
+    def with_finiteness(point: Array, linearize: Linearize) -> tuple[Array, Array]:
         found = residuals(point, linearize)
         return found, jnp.isfinite(found).all()
 
     solution = optimistix.least_squares(
-        told,
+        with_finiteness,
         optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance),
         start,
         args=linearize,

@@ -28,7 +28,7 @@ from ..techniques import HeadMovement
 from .space import CurveSpace, Point
 
 TURN_DEG, TURN_S = 4.0, 0.15
-"""A quick look aside, after which lag is measured; 50 deg/s at its fastest."""
+"""A quick glance aside, after which lag is measured; 50 deg/s at its fastest."""
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 

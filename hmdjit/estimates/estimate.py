@@ -253,7 +253,7 @@ def _total(weights: Sequence[float], parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def combined(weights: Sequence[float], estimates: Sequence[Estimate]) -> Estimate:
-    """Return a weighted sum."""
+    """Return a weighted sum of estimates, with their correlations."""
     total = lambda *x: sum(w * value for w, value in zip(weights, x, strict=True))
     return function_of(total, weights, estimates)
 

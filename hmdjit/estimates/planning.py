@@ -1,4 +1,4 @@
-"""How many sessions an error takes, and when a study that is looked at may stop."""
+"""How many sessions an error takes, and when an interim analysis may stop a study."""
 
 import dataclasses
 import math

@@ -107,9 +107,9 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     **Arguments:** `dataset`: a study's result, its metrics over technique, scene and
     session; the attribute `metrics` names them, the first one is what ratios are of.
     Sessions that failed in a cell are NaN there. They are left out where the attribute
-    `omit_failed` is 1, as the study was told; else they make all NaN that they enter.
-    In a study with a goal one that failed for one technique is left out of all, in that
-    scene, and those that were not run, by `count`, are no failures.
+    `omit_failed` is 1; else they make all NaN that they enter. In a study with a goal
+    one that failed for one technique is left out of all, in that scene, and those that
+    were not simulated, by `simulated_sessions`, are no failures.
 
     **Returns:** the rows, technique by technique in the dataset's order.
 
@@ -117,7 +117,7 @@ def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
     named like a pooled row.
     """
     table = _Table(dataset)
-    return [row for run in range(len(table.techniques)) for row in table.rows(run)]
+    return [row for place in range(len(table.techniques)) for row in table.rows(place)]
 
 
 class _Table:
@@ -139,8 +139,9 @@ class _Table:
         self.cells = cells_of(dataset, self.metrics)
         # Of a study with a goal: the half-widths of its scenes' intervals.
         self.z, self.seconds = None, np.full(len(self.scenes), math.nan)
-        if "slope" in dataset:
-            levels = [interim_level(int(look)) for look in dataset["look"].values]
+        if "control_slope" in dataset:
+            analyses = dataset["interim_analyses"].values
+            levels = [interim_level(int(count)) for count in analyses]
             self.z = np.array(levels)
             if "budget_s" in dataset.attrs:
                 self.z[:] = Z95
@@ -149,18 +150,18 @@ class _Table:
                 for cell in self.cells:
                     cell.measured[..., cell.has_failed()] = math.nan
 
-    def rows(self, run: int) -> list[SummaryRow]:
+    def rows(self, technique: int) -> list[SummaryRow]:
         """Rows of a technique: its scenes, and those pooled."""
-        rows = [self._row(run, scene, [s]) for s, scene in enumerate(self.scenes)]
-        pooled = self._row(run, POOLED, range(len(self.scenes)))
+        rows = [self._row(technique, scene, [s]) for s, scene in enumerate(self.scenes)]
+        pooled = self._row(technique, POOLED, range(len(self.scenes)))
         empty = [row.scene for row in rows if row.note in (NO_SESSION, NO_PAIR)]
         if empty:
             note = f"no session of {', '.join(empty)}"
             pooled = dataclasses.replace(pooled, note=note)
-        return [*rows, pooled, self._geometric_mean(run, rows)]
+        return [*rows, pooled, self._geometric_mean(technique, rows)]
 
     def _means(
-        self, runs: Sequence[int], scenes: Sequence[int], metric: int = 0
+        self, techniques: Sequence[int], scenes: Sequence[int], metric: int = 0
     ) -> list[Estimate]:
         """Means of techniques over some scenes, paired.
 
@@ -169,12 +170,14 @@ class _Table:
         """
         cells, left_out = [self.cells[s] for s in scenes], None
         if self.z is None:
-            values = np.stack([cell.measured[metric, runs] for cell in cells])
+            values = np.stack([cell.measured[metric, techniques] for cell in cells])
             left_out = ~np.isfinite(values).all(axis=(0, 1))
         share = [1 / len(cells)] * len(cells)
         how = {"metric": metric, "left_out": left_out}
-        every = lambda run: [c.estimate(run, self.nan_policy, **how) for c in cells]
-        return [combined(share, every(run)) for run in runs]
+        every = lambda technique: [
+            c.estimate(technique, self.nan_policy, **how) for c in cells
+        ]
+        return [combined(share, every(technique)) for technique in techniques]
 
     def _interval(self, estimate: Estimate, scenes: Sequence[int]) -> Interval:
         if self.z is None:
@@ -182,12 +185,14 @@ class _Table:
         z = float(self.z[scenes].max())
         return normal_interval(estimate, z, f"normal, {z:.2f} standard errors")
 
-    def _row(self, run: int, scene: str, scenes: Sequence[int]) -> SummaryRow:
+    def _row(self, technique: int, scene: str, scenes: Sequence[int]) -> SummaryRow:
         """Row of a technique over some scenes."""
-        (mean,), (base,) = (self._means([r], scenes) for r in (run, self.baseline))
-        against = ratio(*self._means([run, self.baseline], scenes))
+        (mean,), (base,) = (
+            self._means([r], scenes) for r in (technique, self.baseline)
+        )
+        against = ratio(*self._means([technique, self.baseline], scenes))
         others = {
-            name: self._means([run], scenes, metric)[0]
+            name: self._means([technique], scenes, metric)[0]
             for metric, name in enumerate(self.metrics[1:], start=1)
         }
         reasons = [mean.reason, against.reason]
@@ -199,11 +204,11 @@ class _Table:
             note = f"ratio over the {against.count} sessions that succeeded in both"
         found = self._interval(mean, scenes)
         bounds = self._interval(against, scenes)
-        q05, q50, q95 = self._quantiles(run, scene, scenes, mean)
+        q05, q50, q95 = self._quantiles(technique, scene, scenes, mean)
         seconds = float(self.seconds[scenes].sum())
         has_clusters = self.cells[0].clusters is not None
         return SummaryRow(
-            technique=self.techniques[run],
+            technique=self.techniques[technique],
             scene=scene,
             sessions=mean.count,
             mean=found.value,
@@ -228,7 +233,7 @@ class _Table:
         )
 
     def _quantiles(
-        self, run: int, scene: str, scenes: Sequence[int], mean: Estimate
+        self, technique: int, scene: str, scenes: Sequence[int], mean: Estimate
     ) -> Sequence[float]:
         """Quantiles of sessions, without the spread between a frame's tiles.
 
@@ -237,22 +242,28 @@ class _Table:
         technique without any flicker has quantiles. Scenes pooled have none where each
         has sessions of its own.
         """
-        values = np.mean([self.cells[s].measured[0, run] for s in scenes], axis=0)
+        values = np.mean([self.cells[s].measured[0, technique] for s in scenes], axis=0)
         values = values[np.isfinite(values)]
-        own_share = self.cells[scenes[0]].own_share[run]
+        between_session_share = self.cells[scenes[0]].between_session_share[technique]
         is_apart = self.z is not None and scene == POOLED
-        is_unknown = math.isnan(own_share) and values.any()
+        is_unknown = math.isnan(between_session_share) and values.any()
         if mean.reason or is_apart or is_unknown:
             return [math.nan] * 3
-        share = 0.0 if math.isnan(own_share) else math.sqrt(own_share)
+        share = (
+            0.0
+            if math.isnan(between_session_share)
+            else math.sqrt(between_session_share)
+        )
         quantiles = np.quantile(values, [0.05, 0.5, 0.95])
         return ((1 - share) * values.mean() + share * quantiles).tolist()
 
-    def _geometric_mean(self, run: int, rows: Sequence[SummaryRow]) -> SummaryRow:
+    def _geometric_mean(self, technique: int, rows: Sequence[SummaryRow]) -> SummaryRow:
         """Row of the geometric mean of a technique's ratios in its scenes."""
         every = range(len(rows))
         if self.z is not None:
-            ratios = [ratio(*self._means([run, self.baseline], [s])) for s in every]
+            ratios = [
+                ratio(*self._means([technique, self.baseline], [s])) for s in every
+            ]
             # Helped by a control variate, an estimate may fall to 0 and below.
             ratios = [r for r in ratios if r.reason != NO_FLICKER and not r.value <= 0]
             known, count = len(ratios), min(row.sessions for row in rows)
@@ -260,7 +271,7 @@ class _Table:
             found = self._interval(mean, every)
         else:
             mtcd = np.stack([cell.measured[0] for cell in self.cells], axis=1)
-            x, y = mtcd[run], mtcd[self.baseline]
+            x, y = mtcd[technique], mtcd[self.baseline]
             clusters, policy = self.cells[0].clusters, self.nan_policy
             found = geometric_mean_ratio(x, y, clusters, nan_policy=policy)
             known = sum(math.isfinite(row.ratio) for row in rows)
@@ -271,7 +282,7 @@ class _Table:
         elif found.method.startswith(NOT_FINITE):
             note = found.method
         return SummaryRow(
-            technique=self.techniques[run],
+            technique=self.techniques[technique],
             scene=GEOMETRIC_MEAN,
             sessions=count,
             ratio=found.value,
@@ -284,5 +295,5 @@ class _Table:
 
 
 def write_csv(rows: Sequence[SummaryRow], path: str | os.PathLike) -> Path:
-    """Write rows; see `_files.write_csv`."""
+    """Write rows as CSV, whole or not at all."""
     return _files.write_csv(path, [row.columns() for row in rows])

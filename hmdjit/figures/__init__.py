@@ -1,1 +1,1 @@
-"""All figures, in one style."""
+"""All figures, a file for each command, in the style of `drawing`."""

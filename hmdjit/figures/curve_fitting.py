@@ -114,19 +114,19 @@ def _band(axes: Axes, fit: CurveFit, x: Array, at: _Places) -> None:
 
 
 def _compare(
-    axes: Axes, fit: CurveFit, x: Array, at: _Places, where: str = "", **look: Any
+    axes: Axes, fit: CurveFit, x: Array, at: _Places, where: str = "", **style: Any
 ) -> None:
     of = jax.vmap(current_weight, in_axes=(None, 0, 0))
     fitted, kim = of(fit.technique, *at), of(HeadMovement(), *at)
-    axes.plot(x, fitted, color=_FITTED, lw=1.8, label=f"fitted{where}", **look)
-    axes.plot(x, kim, color=_KIM, lw=1.8, label=f"Kim et al.{where}", **look)
+    axes.plot(x, fitted, color=_FITTED, lw=1.8, label=f"fitted{where}", **style)
+    axes.plot(x, kim, color=_KIM, lw=1.8, label=f"Kim et al.{where}", **style)
 
 
 @drawing.styled
 def draw_front(fit: CurveFit, gain: str, footer: str) -> Figure:
     """Draw flicker against detail loss: the family's front, and what lies about it.
 
-    SSAA, which loses no detail, stands at the left edge; freeze is told in words.
+    SSAA, which loses no detail, stands at the left edge; freeze is described in words.
 
     **Arguments:** `gain`: what the front gains over Kim et al.'s constants, in words.
     """
@@ -175,9 +175,9 @@ def _place(kept: Kept) -> tuple[float, float]:
     return float(np.mean(kept.detail_loss)), float(np.mean(kept.flicker))
 
 
-def _point(axes: Axes, kept: Kept, **look: Any) -> None:
+def _point(axes: Axes, kept: Kept, **style: Any) -> None:
     flicker, loss = ((x.value, x.low, x.high) for x in kept.intervals())
-    drawing.errorbar(axes, loss, flicker, lw=1.1, zorder=3, **look)
+    drawing.errorbar(axes, loss, flicker, lw=1.1, zorder=3, **style)
 
 
 def _name(

@@ -1,4 +1,4 @@
-"""The style of all figures: looks, titles, scales, footers, names apart, files."""
+"""The style of all figures: colours, titles, scales, footers, names apart, files."""
 
 import math
 import textwrap
@@ -76,15 +76,15 @@ def panels(
 
 
 def errorbar(
-    axes: Axes, x: float | Sequence[float], y: float | Sequence[float], **look: Any
+    axes: Axes, x: float | Sequence[float], y: float | Sequence[float], **style: Any
 ) -> None:
     """Draw a point with its intervals: `x` and `y` are a value, or value, low, high."""
     for name, (value, *bounds) in {"x": np.ravel(x), "y": np.ravel(y)}.items():
-        look[name] = value
+        style[name] = value
         if bounds:
             spread = np.array([[value - bounds[0]], [bounds[1] - value]])
-            look[f"{name}err"] = np.nan_to_num(spread).clip(0)
-    axes.errorbar(**look)
+            style[f"{name}err"] = np.nan_to_num(spread).clip(0)
+    axes.errorbar(**style)
 
 
 def label_ticks(axis: Axis, locator: Locator, label: Any = "{x:g}") -> None:

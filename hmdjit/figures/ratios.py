@@ -41,17 +41,19 @@ def draw_ratios(study: Compared) -> Figure:
             row = study.rows[technique, line]
             if math.isfinite(row.ratio):
                 ends.append(1.05 * np.nanmax([row.ratio, row.ratio_high]))
-                look = study.points(technique) | {"ms": 4.5, "lw": 1.2, "capsize": 2}
+                style = study.points(technique) | {"ms": 4.5, "lw": 1.2, "capsize": 2}
                 ratio = (row.ratio, row.ratio_low, row.ratio_high)
-                drawing.errorbar(axes, ratio, float(y), clip_on=False, zorder=4, **look)
+                drawing.errorbar(
+                    axes, ratio, float(y), clip_on=False, zorder=4, **style
+                )
     reach = max(ends)
     for technique, y in zip(others, dodges[:, 0], strict=True):
         _name_headline(axes, study, study.rows[technique, POOLED], y, reach)
     for line, y in zip(lines, place, strict=True):
         cells = [study.rows[technique, line] for technique in others]
         if cells and not any(math.isfinite(row.ratio) for row in cells):
-            look = {"ha": "center", "va": "center", "bbox": drawing.PAPER}
-            axes.text(0.3, y, cells[0].note, **look, **drawing.SMALL)
+            style = {"ha": "center", "va": "center", "bbox": drawing.PAPER}
+            axes.text(0.3, y, cells[0].note, **style, **drawing.SMALL)
     axes.axvline(1, color="black", lw=1.2, zorder=1)
     head = f"{study.baseline} = 1"
     above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
@@ -91,7 +93,7 @@ def _name_headline(
         va="center_baseline",
         fontsize=drawing.NOTE,
         fontweight="bold",
-        color=study.look[row.technique][0],
+        color=study.style[row.technique][0],
         bbox=drawing.PAPER | {"facecolor": drawing.SHADE},
         zorder=3,
     )

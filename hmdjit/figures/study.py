@@ -83,7 +83,7 @@ def _distributions(study: Compared) -> Figure:
         count = values.size
         x = np.concatenate([values[:1], values])
         y = np.arange(count + 1) / count
-        colour, dashes, _ = study.look[technique]
+        colour, dashes, _ = study.style[technique]
         median = f"{np.median(sessions[technique]):.3g}"
         label = f"{study.label(technique)}\nmedian {median}"
         axes.step(x, y, where="post", color=colour, ls=dashes, lw=1.8, label=label)
@@ -103,8 +103,13 @@ def _distributions(study: Compared) -> Figure:
     if has_zeros:
         place = axes.get_xaxis_transform()
         gap = math.sqrt(zero * low)
-        look = {"ha": "center", "va": "center", "clip_on": False, "bbox": drawing.PAPER}
-        axes.text(gap, 0, "//", size=drawing.NAME, transform=place, zorder=10, **look)
+        style = {
+            "ha": "center",
+            "va": "center",
+            "clip_on": False,
+            "bbox": drawing.PAPER,
+        }
+        axes.text(gap, 0, "//", size=drawing.NAME, transform=place, zorder=10, **style)
     axes.axhline(0.5, color=drawing.GREY, lw=0.6, ls=":")
     axes.set_xlabel("MTCD of a session, code values of 8 bits (logarithmic)")
     axes.set_ylabel("sessions that flicker at most this much")
@@ -131,10 +136,10 @@ def _figure3(study: Compared) -> Figure:
     for index, technique in enumerate(study.techniques):
         values = study.mtcd[index]
         values = values[np.isfinite(values)]
-        colour = study.look[technique][0]
+        colour = study.style[technique][0]
         if not values.size:
-            look = {"ha": "center", "va": "bottom", **drawing.SMALL}
-            axes.text(index, 0, "no session", **look)
+            style = {"ha": "center", "va": "bottom", **drawing.SMALL}
+            axes.text(index, 0, "no session", **style)
             continue
         # Scenes count alike, however many sessions each of them has.
         scenes = [cell[np.isfinite(cell)] for cell in study.mtcd[index]]
@@ -168,9 +173,9 @@ def _flicker_detail(study: Compared) -> Figure:
     shown = []
     for technique in study.techniques:
         cells = [study.rows[technique, scene] for scene in study.scenes]
-        look = study.points(technique)
+        style = study.points(technique)
         loss, mtcd = [_loss(r) for r in cells], [r.mean for r in cells]
-        axes.scatter(loss, mtcd, s=14, alpha=0.3, lw=0, clip_on=False, **look)
+        axes.scatter(loss, mtcd, s=14, alpha=0.3, lw=0, clip_on=False, **style)
         pooled = study.rows[technique, POOLED]
         if math.isfinite(pooled.mean + _loss(pooled)):
             shown.append(pooled)
@@ -181,8 +186,8 @@ def _flicker_detail(study: Compared) -> Figure:
                 _loss(pooled) + half,
             )
             mtcd = (pooled.mean, pooled.low, pooled.high)
-            look |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
-            drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **look)
+            style |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
+            drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **style)
     every = study.rows.values()
     pooled = [row for row in every if row.scene == POOLED]
     losses = [_loss(row) for row in every]
@@ -202,9 +207,9 @@ def _flicker_detail(study: Compared) -> Figure:
         arrowprops={"arrowstyle": "->", "color": drawing.GREY},
     )
     names = [
-        (row, study.label(row.technique), study.look[row.technique]) for row in shown
+        (row, study.label(row.technique), study.style[row.technique]) for row in shown
     ]
-    points = [(_loss(row), row.mean, name, look[0]) for row, name, look in names]
+    points = [(_loss(row), row.mean, name, style[0]) for row, name, style in names]
     drawing.label_points(figure, axes, points)
     return figure
 

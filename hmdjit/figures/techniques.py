@@ -1,4 +1,4 @@
-"""What the figures of a study read: sessions, rows, and one look per technique."""
+"""What the figures of a study read: sessions, rows, and one style per technique."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ _MARKERS = ["o", "s", "D", "^", "v", "P", "X"]
 class Compared:
     """The techniques of a study: `mtcd` by technique, scene and session; rows by cell.
 
-    `look` holds colour, dashes and marker; the baseline's is black.
+    `style` holds colour, dashes and marker; the baseline's is black.
     """
 
     def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
@@ -35,17 +35,17 @@ class Compared:
         self.footer = footer(dataset)
         self.others = [t for t in self.techniques if t != self.baseline]
         count = len(COLOURS)
-        self.look: dict[str, tuple[str, Any, str]] = {
+        self.style: dict[str, tuple[str, Any, str]] = {
             self.baseline: ("black", "-", "o")
         }
         for i, technique in enumerate(self.others):
             turn = i // count
             marker = _MARKERS[(i + turn) % count]
-            self.look[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+            self.style[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
 
     def points(self, technique: str) -> dict[str, Any]:
         """Return colour and marker of a technique's points."""
-        colour, _, marker = self.look[technique]
+        colour, _, marker = self.style[technique]
         return {"color": colour, "marker": marker}
 
     def label(self, technique: str) -> str:

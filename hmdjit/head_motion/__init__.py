@@ -1,4 +1,7 @@
-"""How heads move: stochastic models, recorded traces, and fits of one to the other."""
+"""How heads move: a stochastic model (`process`), recorded traces (`trace`, `replay`).
+
+Named heads are tables in `presets.toml`; `head_fitting` fits the model to traces.
+"""
 
 from .parameters import Amplitude as Amplitude
 from .parameters import Resonator as Resonator

@@ -1,7 +1,8 @@
 """Metrics: what is reported of a displayed clip.
 
-A session streams those of `STANDARD`, or of a study's own list, on its displayed
-frames; the first of a list is its headline.
+`base` has the contract; MTCD, Kim et al.'s equation (6), is in `mtcd`. A session
+streams the metrics of `STANDARD`, or of a study's own list, on its displayed frames;
+the first of a list is its headline.
 """
 
 from .base import AbstractMetric as AbstractMetric

@@ -101,7 +101,7 @@ class PixelMean(AbstractMetric):
         """Return each pixel's number, `(height, width)`."""
 
     def init(self, measured: Region, dtype: DTypeLike) -> State:
-        """No pixel so far."""
+        """Sum and count of no pixel so far."""
         return jnp.zeros((2, 2), dtype)
 
     def step(

@@ -1,1 +1,1 @@
-"""All tables and printed reports."""
+"""All tables and printed reports, a file for each command, laid out by `tables`."""

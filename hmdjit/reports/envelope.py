@@ -15,7 +15,7 @@ from ..envelope.engine import DIGITS, Measurement
 def table(rows: Sequence[Measurement], width: int = 80) -> Table:
     """Lay out rows: what was asked, the largest errors, and whether bounds hold.
 
-    **Arguments:** `width`: of the terminal, characters: narrow ones are told no ranges.
+    **Arguments:** `width`: of the terminal, characters: narrow ones get no ranges.
     """
     found = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     is_wide = width >= 120

@@ -1,4 +1,4 @@
-"""The look of all tables, and how a value and its error are written in them."""
+"""The style of all tables, and how a value and its error are written in them."""
 
 import itertools
 import math
@@ -41,11 +41,11 @@ def table(
     say = str if utf else plain
     found = Table(box=box.SIMPLE_HEAD, padding=padding, show_edge=False)
     for place, (header, template) in enumerate(columns.items()):
-        look: dict[str, Any] = {"no_wrap": no_wrap or place == 0}
+        style: dict[str, Any] = {"no_wrap": no_wrap or place == 0}
         if fold and place == 0:
-            look = {"overflow": "fold", "min_width": 8}
+            style = {"overflow": "fold", "min_width": 8}
         justify = "left" if template == WORDS else "right"
-        found.add_column(say(header), justify=justify, **look)
+        found.add_column(say(header), justify=justify, **style)
     styles = itertools.chain(bold, itertools.repeat(False))
     for row, is_bold in zip(rows, styles, strict=False):
         if row is None:

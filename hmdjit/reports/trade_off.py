@@ -15,8 +15,8 @@ from . import tables
 def table(rows: Sequence[Row], seconds: float, width: int = 80) -> Table:
     """Lay out rows: what a setting costs, and how far off it is.
 
-    **Arguments:** `seconds`: time at which total errors are told; `width`: of the
-    terminal, characters: narrow ones are told less.
+    **Arguments:** `seconds`: time at which total errors are compared; `width`: of the
+    terminal, characters: narrow ones get fewer columns.
     """
     columns = {
         "setting": tables.WORDS,

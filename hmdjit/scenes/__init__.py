@@ -1,5 +1,7 @@
 """Scenes: what is there to be seen.
 
+`base` has the contract, `patterns`, `rasters` and `pictures` the scenes, `baking` makes
+a texture of one. `study_set` lists those of a study that names none.
 `study_set` needs the extra packages of `hmdjit[study]`; the other names need them only
 when they read a file or draw text.
 """

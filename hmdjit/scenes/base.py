@@ -10,6 +10,7 @@ degree is pi / 180 tangent units (8.05 px with the default camera).
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -25,10 +26,18 @@ class AbstractScene(eqx.Module):
 
     Everything that decides the picture is a field: numbers and texels are leaves.
 
-    - `name`: what tables call it.
+    - `name`: what tables call it; static, as all fields that are no numbers.
+
+    **Errors:** `ValueError` naming a field of text that is not static.
     """
 
     name: eqx.AbstractVar[str]
+
+    def __check_init__(self):
+        for path, leaf in jax.tree_util.tree_leaves_with_path(self):
+            if isinstance(leaf, str):
+                field = jax.tree_util.keystr(path).removeprefix(".")
+                raise ValueError(f"{field} must be static: eqx.field(static=True).")
 
     @property
     def gives(self) -> frozenset[str]:

@@ -22,7 +22,7 @@ def mirror(index: Index, size: int) -> Index:
 
 
 def repeat(index: Index, size: int) -> Index:
-    """Wrap an index around."""
+    """Wrap an index around: the picture repeats."""
     # A division of floats is several times as fast as one of integers. It is right for
     # indices up to a million; what is farther away stays at least in bounds.
     turns = jnp.floor((index.astype(jnp.float32) + 0.5) / size)

@@ -1,17 +1,9 @@
-"""The scenes that a study looks at unless told otherwise."""
+"""The scenes of a study that names none."""
 
-from .baking import bake as bake
-from .base import AbstractFlatScene as AbstractFlatScene
-from .base import AbstractScene as AbstractScene
-from .patterns import almost_uniform as almost_uniform
-from .patterns import checkerboard as checkerboard
-from .patterns import honeycomb as honeycomb
-from .patterns import uniform as uniform
-from .patterns import zone_plate as zone_plate
-from .pictures import Panorama as Panorama
-from .pictures import Photograph as Photograph
-from .rasters import page_of_text as page_of_text
-from .rasters import power_law_noise as power_law_noise
+from .base import AbstractScene
+from .patterns import almost_uniform, checkerboard
+from .pictures import Photograph
+from .rasters import page_of_text, power_law_noise
 
 CREDITS = {
     "astronaut": ("Eileen Collins; NASA", "public domain"),

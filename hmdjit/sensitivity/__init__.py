@@ -1,1 +1,1 @@
-"""Which numbers move the flicker most: slopes of a study."""
+"""Which numbers move the flicker most: a study's derivatives, in relative terms."""

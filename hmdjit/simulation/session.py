@@ -148,7 +148,7 @@ def session(
                 cut = lambda picture: blocks.part_of(picture, block, part)
                 shown.append(cut(pictures[i]) if player.keeps else None)
 
-            def look() -> tuple[list, list]:
+            def measured_frame() -> tuple[list, list]:
                 """Show what keeps nothing, and measure all."""
                 shots = Shots(renderer, k, now, seen)
                 every = [
@@ -167,7 +167,7 @@ def session(
                 pairs = zip(shown, before, strict=True)
                 return [b if s is None else s for s, b in pairs], sums
 
-            every, sums = jax.lax.cond(k >= warmup, look, wait)
+            every, sums = jax.lax.cond(k >= warmup, measured_frame, wait)
             place = blocks.start(region, part)
 
             def kept(player: Stepped, old: Array, picture: Rgb) -> Array:

@@ -38,7 +38,7 @@ def compiler_options() -> dict[str, bool | int | str]:
 
 
 def mesh() -> Mesh:
-    """All devices, in a row."""
+    """All devices in a row, among which sessions are shared out."""
     return Mesh(np.array(jax.devices()), ("sessions",))
 
 
@@ -93,7 +93,7 @@ class Program:
         )
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Call it."""
+        """Call the compiled function."""
         return self.jitted(*arguments, **named)
 
 

@@ -102,7 +102,9 @@ def footer(dataset: "xarray.Dataset") -> str:
     """Say what a picture or table of a study depends on, in a few sentences."""
     known, count = dataset.attrs, dataset.sizes["session"]
     sessions = f"{count:,} session" + "s" * (count != 1)
-    if "slope" in dataset:  # a study with a goal runs as many as each scene needs
+    if (
+        "control_slope" in dataset
+    ):  # a study with a goal runs as many as each scene needs
         sessions = f"Up to {sessions} per scene"
     return (
         f"Camera {camera_words(known)}: "

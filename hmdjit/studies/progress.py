@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 
 class Progress(NamedTuple):
-    """What is being done, told before and after whatever takes long.
+    """What is being done, sent before and after whatever takes long.
 
-    - `done`, `total`: of a study, session-scene-technique runs, those found on disk
-      included; of a trade-off, cases. A total of 0 is not known.
+    - `done`, `total`: of a study, simulated sessions, one for each scene and technique,
+      those found on disk included; of a trade-off, cases. A total of 0 is not known.
     - `doing`: in words.
-    - `fresh`: runs computed in this call, not found on disk.
+    - `fresh`: those of them simulated in this call.
     - `line`: something to print and keep, as a plan.
     """
 

@@ -111,8 +111,8 @@ class Run:
                 batch = self.sessions.batch(start, self.batch_size)
                 here = slice(start, start + batch.size)
                 found, new = self._measured(name, scene_key, texture, batch, kept=True)
-                for run, places in enumerate(self.places.values()):
-                    measured[:, places, s, here] = found[:, run, None]
+                for k, places in enumerate(self.places.values()):
+                    measured[:, places, s, here] = found[:, k, None]
                 ran[:, s, here] = True
                 done += batch.size * len(study.techniques)
                 fresh += batch.size * new
@@ -124,7 +124,7 @@ class Run:
         """Run each scene until its goal is reached."""
         study, camera = self.study, self.study.display
         begun = time.perf_counter()
-        runs, places = list(self.techniques.values()), list(self.places.values())
+        techniques, places = list(self.techniques.values()), list(self.places.values())
         baseline = [t.id for t in study.techniques].index(study.baseline)
         length = study.warmup + study.frames
         paths = controls = None
@@ -132,7 +132,7 @@ class Run:
             side = study.measure.size_px
             models = {
                 fingerprint(m): m
-                for m in map(control_of, runs)
+                for m in map(control_of, techniques)
                 if not isinstance(m, Still)
             }
             controls = Controls(list(models.values()), camera, study.warmup, side)
@@ -150,8 +150,8 @@ class Run:
             return found
 
         endless = _sessions(study, self.seed, _ENDLESS)
-        sampler = Sampler(runs, endless, paths, controls, simulate, self.tell)
-        base = next(run for run, mine in enumerate(places) if baseline in mine)
+        sampler = Sampler(techniques, endless, paths, controls, simulate, self.tell)
+        base = next(k for k, mine in enumerate(places) if baseline in mine)
         until = Until(goal, sampler, base, len(study.metrics), self.failures)
         found, plans = [], []
         for s, (name, scene) in enumerate(study.scenes.items()):
@@ -167,9 +167,9 @@ class Run:
         measured, ran = self._nothing(count)
         for s, cell in enumerate(found):
             size = cell.measured.shape[-1]
-            for run, mine in enumerate(places):
-                measured[:, mine, s, :size] = cell.measured[:, run, None]
-                ran[mine, s, :size] = cell.was_run()[run]
+            for k, mine in enumerate(places):
+                measured[:, mine, s, :size] = cell.measured[:, k, None]
+                ran[mine, s, :size] = cell.was_simulated()[k]
         self._check(measured, ran)
         shape = measured.shape[1:]
         return self._gathered(
@@ -201,8 +201,8 @@ class Run:
         found = self.store.find(file, key) if kept else {}
         missing = [key for key in self.techniques if key not in found]
         if missing:
-            run = [self.techniques[key] for key in missing]
-            results = self.runner.run(run, texture(), batch)
+            lacking = [self.techniques[key] for key in missing]
+            results = self.runner.run(lacking, texture(), batch)
             new = dict(zip(missing, results, strict=True))
             if kept:
                 self.store.keep(file, key, new)

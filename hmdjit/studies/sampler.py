@@ -30,16 +30,16 @@ not expected to vary, and has not, counts no further sessions."""
 
 PATH_CHUNK, PATH_TILES = 2048, 2
 
-Measured = Float[np.ndarray, "metric run session"]
+Measured = Float[np.ndarray, "metric technique session"]
 
 Simulate = Callable[[str, Texture, Batch], Measured]
-"""Scene, texture and batch to what is measured of all runs."""
+"""Scene, texture and batch to what is measured of all techniques."""
 
 
 class Sampler:
     """Draws the sessions of a study: the same ones for all scenes.
 
-    - `runs`: distinct techniques.
+    - `techniques`: those that show something distinct.
     - `sessions`, `paths`: to simulate, and only to predict.
     - `controls`: what predicts; None simulates only.
     - `simulate`: kept for a resume; `tell`: how far it is.
@@ -47,22 +47,23 @@ class Sampler:
 
     def __init__(
         self,
-        runs: Sequence[AbstractTechnique],
+        techniques: Sequence[AbstractTechnique],
         sessions: Sessions,
         paths: Sessions | None,
         controls: Controls | None,
         simulate: Simulate,
         tell: Tell,
     ):
-        self.runs, self.sessions, self.paths = tuple(runs), sessions, paths
+        self.techniques = tuple(techniques)
+        self.sessions, self.paths = sessions, paths
         self.controls, self.simulate, self.tell = controls, simulate, tell
         self._drawn: dict[tuple[bool, int, int], Batch] = {}
         self.is_compiled = False
-        # Which control predicts a run; what never changes needs none.
-        self._control: list[int | None] = [None] * len(self.runs)
+        # Which control predicts a technique; what never changes needs none.
+        self._control: list[int | None] = [None] * len(self.techniques)
         if controls is not None:
             known = [fingerprint(model) for model in controls.models]
-            models = [control_of(run) for run in self.runs]
+            models = [control_of(technique) for technique in self.techniques]
             self._control = [
                 None if isinstance(model, Still) else known.index(fingerprint(model))
                 for model in models
@@ -77,11 +78,11 @@ class Sampler:
 
     def predicted(
         self, statistics: PictureStatistics | None, batch: Batch
-    ) -> Float[np.ndarray, "run session tile"]:
-        """Predictions of each run."""
+    ) -> Float[np.ndarray, "technique session tile"]:
+        """Predictions of each technique."""
         none = np.zeros(batch.origins.shape[:2])
         if self.controls is None or statistics is None:
-            return np.stack([none] * len(self.runs))
+            return np.stack([none] * len(self.techniques))
         found = self.controls.predict(statistics, batch.motion, batch.origins)
         return np.stack([none if c is None else found[c] for c in self._control])
 
@@ -98,23 +99,23 @@ class SceneSampler:
     ):
         self._sampler, self._name = sampler, name
         self._texture, self._statistics = texture, statistics
-        # Runs that may still show something new.
-        self._is_open = np.ones(len(sampler.runs), bool)
+        # Techniques that may still show something new.
+        self._is_open = np.ones(len(sampler.techniques), bool)
 
-    def close(self, runs: Bool[np.ndarray, " run"]) -> None:
-        """Count the least sessions only of some runs, unless these vary after all."""
-        self._is_open = ~runs
+    def close(self, techniques: Bool[np.ndarray, " technique"]) -> None:
+        """Simulate the least sessions only of some techniques, unless these vary."""
+        self._is_open = ~techniques
 
     def _simulated(self, batch: Batch) -> Measured:
         return self._sampler.simulate(self._name, self._texture, batch)
 
-    def _predicted(self, batch: Batch) -> Float[np.ndarray, "run session"]:
-        """Predictions of each run, mean over tiles."""
+    def _predicted(self, batch: Batch) -> Float[np.ndarray, "technique session"]:
+        """Predictions of each technique, mean over tiles."""
         return self._sampler.predicted(self._statistics, batch).mean(axis=-1)
 
     def pilot(
         self,
-    ) -> tuple[Measured, Float[np.ndarray, "run session"], float]:
+    ) -> tuple[Measured, Float[np.ndarray, "technique session"], float]:
         """Simulate and predict a few sessions; seconds per session."""
         sampler, found, seconds = self._sampler, [], 0.0
         for start in range(PILOT_START, PILOT_START + PILOT_SESSIONS, CHUNK):
@@ -142,11 +143,11 @@ class SceneSampler:
                 one.result()
         self._sampler.is_compiled = True
 
-    def pilot_paths(self) -> tuple[Float[np.ndarray, "run path tile"], float]:
+    def pilot_paths(self) -> tuple[Float[np.ndarray, "technique path tile"], float]:
         """Predictions for some paths; seconds per path."""
         sampler = self._sampler
         if sampler.paths is None:
-            return np.zeros((len(sampler.runs), 2, 1)), 0.0
+            return np.zeros((len(sampler.techniques), 2, 1)), 0.0
         found, seconds = np.zeros(0), 0.0
         for start in (PILOT_START, PILOT_START + PATH_CHUNK):
             begun = time.perf_counter()

@@ -39,7 +39,7 @@ class ScenePlan:
 
     - `estimator`: `"control variate"` or `"simulation"` alone; `why`: in words.
     - `sessions`, `paths`: planned; `seconds`: expected for them.
-    - `looks`, `spent_s`: it took; with baking, statistics and pilot.
+    - `interim_analyses`, `spent_s`: it took; with baking, statistics and pilot.
     """
 
     scene: str
@@ -48,7 +48,7 @@ class ScenePlan:
     sessions: int
     paths: int
     seconds: float
-    looks: int = 0
+    interim_analyses: int = 0
     spent_s: float = 0.0
 
     def __str__(self) -> str:
@@ -79,7 +79,7 @@ class Goal:
 class Until:
     """Runs the scenes of a study, each until its goal is reached.
 
-    - `baseline`: which of the sampler's runs ratios refer to.
+    - `baseline`: which of the sampler's techniques ratios refer to.
     - `metrics`: how many the study has; goals are of the first.
     - `failures`: what to do about sessions that fail.
     """
@@ -108,7 +108,7 @@ class Until:
             sampler.tell(Progress(0, 1, f"{name}: statistics"))
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
-        plan, slope, own_share = self._plan(name, measure)
+        plan, slope, share = self._plan(name, measure)
         if plan.sessions > MOST_SESSIONS:
             raise ValueError(
                 f"tolerance {self._goal.tolerance:g} would take {plan.sessions:,} "
@@ -124,8 +124,8 @@ class Until:
                 seconds=left,
             )
         sampler.tell(Progress(0, plan.sessions, name, line=str(plan)))
-        cell = Cell.plain(np.zeros((self._metrics, len(sampler.runs), 0)))
-        cell.slope, cell.own_share = slope, own_share
+        cell = Cell.plain(np.zeros((self._metrics, len(sampler.techniques), 0)))
+        cell.slope, cell.between_session_share = slope, share
         sessions, paths, analysis = plan.sessions, plan.paths, 0
         while True:
             until = deadline if self._goal.budget_s is not None else math.inf
@@ -143,17 +143,17 @@ class Until:
             if sessions > MOST_SESSIONS:
                 break
         spent = time.perf_counter() - begun
-        return cell, dataclasses.replace(plan, looks=analysis, spent_s=spent)
+        return cell, dataclasses.replace(plan, interim_analyses=analysis, spent_s=spent)
 
     def estimates(self, cell: Cell) -> list[tuple[Estimate, float]]:
         """Means and ratios of a scene, each with the smallest error asked of it."""
         # The check has let few sessions that failed pass, or none.
-        means = [cell.estimate(run, "omit") for run in range(len(self._sampler.runs))]
+        means = [cell.estimate(k, "omit") for k in range(len(self._sampler.techniques))]
         base = means[self._baseline]
         found = [(mean, FLOOR_MTCD) for mean in means]
-        for run, mean in enumerate(means):
+        for k, mean in enumerate(means):
             paired = ratio(mean, base)
-            if run != self._baseline and not paired.reason:
+            if k != self._baseline and not paired.reason:
                 found.append((paired, FLOOR_MTCD / base.value))
         return found
 
@@ -179,10 +179,10 @@ class Until:
             numbers = (PILOT_START + np.flatnonzero(~good)).tolist()
             failures.check(numbers, good.size, words)
         simulated, predicted = simulated[:, good], predicted[:, good]
-        slope = np.zeros(len(self._sampler.runs))
-        for run, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
+        slope = np.zeros(len(self._sampler.techniques))
+        for k, (y, t) in enumerate(zip(simulated, predicted, strict=True)):
             if t.var() > 0:
-                slope[run] = np.cov(y, t)[0, 1] / t.var(ddof=1)
+                slope[k] = np.cov(y, t)[0, 1] / t.var(ddof=1)
         tiles, path_seconds = measure.pilot_paths()
         paths = tiles.mean(axis=-1)
         # What neither varies nor should has shown all, as a frozen picture.
@@ -191,9 +191,7 @@ class Until:
         # The tiles of a path are drawn apart: what they have in common is its own.
         common = [np.cov(t[:, 0], t[:, -1])[0, 1] for t in tiles]
         spread = predicted.var(axis=1, ddof=1)
-        own_share = np.where(
-            spread > 0, common / np.where(spread > 0, spread, 1), np.nan
-        )
+        share = np.where(spread > 0, common / np.where(spread > 0, spread, 1), np.nan)
         z = Z95 if self._goal.budget_s is not None else interim_level(1)
         choices = []
         for kind, b in (
@@ -214,23 +212,22 @@ class Until:
         why = f"one session takes {1e3 * session_seconds:.1f} ms" + (
             f"; {others[0]}" if others else ""
         )
-        return ScenePlan(name, kind, why, n, m, seconds), b, np.clip(own_share, 0, 1)
+        return ScenePlan(name, kind, why, n, m, seconds), b, np.clip(share, 0, 1)
 
     def _needs(
         self, z: float, means: np.ndarray, rest: np.ndarray, paths: np.ndarray
     ) -> list[Need]:
         base = self._baseline
         needs = []
-        for run in range(len(self._sampler.runs)):
-            error = self._goal.error(means[run], FLOOR_MTCD) / z
-            needs.append(Need(error, rest[run].var(ddof=1), paths[run].var(ddof=1)))
-            if run == base or means[base] <= MIN_BASELINE_MTCD:
+        for k in range(len(self._sampler.techniques)):
+            error = self._goal.error(means[k], FLOOR_MTCD) / z
+            needs.append(Need(error, rest[k].var(ddof=1), paths[k].var(ddof=1)))
+            if k == base or means[base] <= MIN_BASELINE_MTCD:
                 continue
-            r = means[run] / means[base]
+            r = means[k] / means[base]
             error = self._goal.error(r, FLOOR_MTCD / means[base]) / z
             spread = [
-                ((x[run] - r * x[base]) / means[base]).var(ddof=1)
-                for x in (rest, paths)
+                ((x[k] - r * x[base]) / means[base]).var(ddof=1) for x in (rest, paths)
             ]
             needs.append(Need(error, *spread))
         return needs
@@ -245,7 +242,8 @@ def with_controls(
 ) -> dict[str, dict]:
     """Return what a dataset holds of a study that ran until its goal.
 
-    **Arguments:** `places`: the techniques of each run; `shape`: of the dataset.
+    **Arguments:** `places`: where each distinct technique stands among the study's;
+    `shape`: of the dataset.
 
     **Returns:** `variables` and `attributes`; estimates can be made again from them.
     """
@@ -253,24 +251,28 @@ def with_controls(
     most = max(cell.paths.shape[1] for cell in cells)
     predicted = np.full(shape, np.nan)
     paths = np.full((techniques, scenes, most), np.nan)
-    slope, own_share = np.zeros((2, techniques, scenes))
+    slope, share = np.zeros((2, techniques, scenes))
     count = np.zeros((techniques, scenes), int)
     for s, cell in enumerate(cells):
-        for run, mine in enumerate(places):
-            predicted[mine, s, : cell.predicted.shape[1]] = cell.predicted[run]
-            paths[mine, s, : cell.paths.shape[1]] = cell.paths[run]
-            slope[mine, s] = cell.slope[run]
-            own_share[mine, s] = cell.own_share[run]
-            count[mine, s] = cell.count[run]
+        for k, mine in enumerate(places):
+            predicted[mine, s, : cell.predicted.shape[1]] = cell.predicted[k]
+            paths[mine, s, : cell.paths.shape[1]] = cell.paths[k]
+            slope[mine, s] = cell.slope[k]
+            share[mine, s] = cell.between_session_share[k]
+            count[mine, s] = cell.count[k]
     cell_dims = ("technique", "scene")
     code = {"units": "code values of 255"}
     variables = {
         "predicted": ((*cell_dims, "session"), predicted, code),
         "predicted_extra_paths": ((*cell_dims, "extra_path"), paths, code),
-        "slope": (cell_dims, slope),
-        "own_share": (cell_dims, own_share),
-        "count": (cell_dims, count),
-        "look": ("scene", [plan.looks for plan in plans]),
+        "control_slope": (cell_dims, slope, {"long_name": "control variate's slope"}),
+        "between_session_share": (
+            cell_dims,
+            share,
+            {"long_name": "share of the variance that is between sessions"},
+        ),
+        "simulated_sessions": (cell_dims, count),
+        "interim_analyses": ("scene", [plan.interim_analyses for plan in plans]),
         "seconds": ("scene", [plan.spent_s for plan in plans], {"units": "s"}),
     }
     wanted = dataclasses.asdict(goal).items()

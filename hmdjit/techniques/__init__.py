@@ -1,4 +1,8 @@
-"""Anti-aliasing techniques: one file per technique or close family."""
+"""Anti-aliasing techniques: one file per technique or close family.
+
+`base` has the contract, `check` tries it on a technique, `registry` knows ids. The
+arithmetic of Kim et al. is in `reprojection` and `blending`, by equation number.
+"""
 
 from . import curve_file as curve_file
 from .base import AbstractSpatial as AbstractSpatial

@@ -16,7 +16,7 @@ class Freeze(AbstractTechnique):
 
     @property
     def id(self) -> str:
-        """`freeze`."""
+        """The one id, `freeze`."""
         return "freeze"
 
     @property
@@ -29,10 +29,10 @@ class Freeze(AbstractTechnique):
         return History.of(frame.color[0])
 
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
-        """Show it again."""
+        """Show the first frame again."""
         kept = state.under(frame.region)
         return History.of(kept), kept
 
     def small_motion(self) -> Still:
-        """Nothing moves."""
+        """Say that the display never changes."""
         return Still()

@@ -97,13 +97,13 @@ class HeadMovement(AbstractTechnique):
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
-        """Those of `resolve`."""
+        """Samples of `resolve`, or one in the centre."""
         spatial = self.resolve or super()
         return spatial.sample_offsets_px
 
     @property
     def reads_supersampled(self) -> bool:
-        """As `resolve`."""
+        """Whether `resolve` does."""
         return self.resolve is not None and self.resolve.reads_supersampled
 
     def _raw_weights(self) -> tuple[Scalar, ...]:
@@ -122,12 +122,12 @@ class HeadMovement(AbstractTechnique):
 
     @property
     def needs(self) -> frozenset[str]:
-        """Those of `resolve`."""
+        """Channels that `resolve` needs, or colour."""
         return super().needs if self.resolve is None else self.resolve.needs
 
     @property
     def stencil_radius_px(self) -> int | None:
-        """That of `resolve`."""
+        """Radius of `resolve`; the past is read where it was shown."""
         return 0 if self.resolve is None else self.resolve.stencil_radius_px
 
     def _current(self, frame: Frame) -> Rgb:
@@ -139,7 +139,7 @@ class HeadMovement(AbstractTechnique):
         return History.of(self._current(frame))
 
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
-        """Equations (1) to (5)."""
+        """Blend the reprojected past in, by Kim et al., equations (1) to (5)."""
         current = self._current(frame)
         speed_rad = quaternion.angle(motion.increment) * frame.camera.refresh_hz
         easing = blending.ease(speed_rad * (180 / np.pi), self.h_max_deg_s, self.ease)

@@ -5,14 +5,11 @@ import difflib
 import re
 
 from ..sample_patterns import MULTISAMPLE_COUNTS
-from . import curve_file as curve_file
-from .base import AbstractSpatial as AbstractSpatial
-from .base import AbstractTechnique as AbstractTechnique
-from .freeze import Freeze as Freeze
-from .head_movement import HeadMovement as HeadMovement
-from .spatial import MSAA as MSAA
-from .spatial import SSAA as SSAA
-from .spatial import NoAntialiasing as NoAntialiasing
+from . import curve_file
+from .base import AbstractSpatial, AbstractTechnique
+from .freeze import Freeze
+from .head_movement import HeadMovement
+from .spatial import MSAA, SSAA, NoAntialiasing
 
 IDS = (
     "none",

@@ -29,7 +29,7 @@ class NoAntialiasing(_OwnSamples):
 
     @property
     def id(self) -> str:
-        """`none`."""
+        """The one id, `none`."""
         return "none"
 
     def resolve(self, frame: Frame) -> Rgb:

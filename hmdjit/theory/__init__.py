@@ -1,1 +1,4 @@
-"""What flicker should be, from head paths and a picture's statistics alone."""
+"""What flicker should be, from head paths and a picture's statistics alone.
+
+Studies with a tolerance use these predictions as control variates.
+"""

@@ -46,7 +46,7 @@ class Controls:
         self._camera, self._warmup, self._tile_px = camera, warmup, tile_px
 
     def statistics(self, texture: Texture) -> PictureStatistics:
-        """Table a scene."""
+        """Return how much a scene differs from itself displaced, in each tile."""
         return PictureStatistics.of(texture, self._camera, cell_px=self._tile_px)
 
     def predict(

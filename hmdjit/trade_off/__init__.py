@@ -1,1 +1,4 @@
-"""Speed against accuracy, measured on this machine."""
+"""Speed against accuracy, measured on this machine.
+
+`settings` lists the knobs, `measurement` times them on a `bench`, `choice` picks one.
+"""

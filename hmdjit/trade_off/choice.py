@@ -53,7 +53,7 @@ def candidates(
         _checks.one_of("technique", technique, measured)
     groups: dict[str, dict[str, Row]] = {}
     for row in rows:
-        # What no study can be told to do is measured, but not chosen.
+        # What no option of a study sets is measured, but not chosen.
         is_offered = not (row.is_other_device or row.python_fields)
         if row.technique in techniques and is_offered:
             groups.setdefault(row.setting, {})[row.technique] = row

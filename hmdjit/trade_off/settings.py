@@ -184,7 +184,7 @@ def single_knobs(study: Study) -> list[Setting]:
 
 
 def combinations(study: Study) -> list[Setting]:
-    """List a few combinations that single knobs make look sensible."""
+    """List a few combinations that single knobs suggest."""
     fine = dataclasses.replace(
         default_setting(study), knob="combination", oversampling=4
     )
@@ -197,7 +197,7 @@ def combinations(study: Study) -> list[Setting]:
 
 
 QUICK = ("1 tile of 64 px", "texture 1x", "texture 4x", "warp shift")
-"""Names of the settings that a quick look takes besides reference and default."""
+"""Names of the settings that `--quick` measures besides reference and default."""
 
 
 def cases(

@@ -24,7 +24,7 @@ class Identity:
     """What the rows of one trade-off rest on.
 
     `study_options` are those of `hmdjit study`, apart from the setting's own; `load` is
-    the machine's load average when measuring began: above 0, something else ran.
+    the machine's load average when it was measured: above 0, something else ran.
     """
 
     scene: str
@@ -166,7 +166,7 @@ _SHARED = dataclasses.fields(Identity)
 
 
 def write_csv(rows: Sequence[Row], path: str | os.PathLike) -> Path:
-    """Write rows, each with its identity; see `_files.write_csv`."""
+    """Write rows, each with its identity, whole or not at all."""
     return _files.write_csv(path, rows)
 
 
