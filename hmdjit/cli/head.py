@@ -10,7 +10,7 @@ import rich.console
 import tyro
 from scipy.spatial.transform import Rotation
 
-from .. import _checks
+from .. import _checks, _toml
 from .._version import __version__
 from ..figures import head as head_figure
 from ..figures.drawing import save
@@ -203,7 +203,7 @@ def _about(
     return {
         "source": ", ".join(trace.name for trace in traces),
         "fit": rests_on,
-        "standard_error": presets.to_table(fit.standard_error),
+        "standard_error": _toml.table(fit.standard_error),
     }
 
 

@@ -12,9 +12,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from .. import _toml
 from ..head_fitting.fitting import Fit
 from ..head_fitting.statistics import SPECTRUM_BINS, WANDER_S, Description, Goodness
-from ..head_motion import Trace, presets
+from ..head_motion import Trace
 from ..head_motion.parameters import AXES
 
 _GAP_FRAMES = 3  # steps of more are gaps, see `Trace.frame_s`
@@ -52,7 +53,7 @@ def print_fit(console: Console, fit: Fit) -> None:
     """Print a fit's numbers with their errors, its order, and what both rest on."""
     table = _table("number", "axis", "value", "std. error", "95 % interval")
     parts = (fit.head, fit.standard_error, fit.low, fit.high)
-    of_parts = zip(*(_numbers(presets.to_table(part)) for part in parts), strict=True)
+    of_parts = zip(*(_numbers(_toml.table(part)) for part in parts), strict=True)
     for (name, axis, value), *others in of_parts:
         error, low, high = (number for _, _, number in others)
         name, axis = _named(name, axis)
