@@ -188,7 +188,7 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
 def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
     first = chosen.rows[0]
     compile_s = sum(row.compile_s for row in chosen.rows) + first.bake_s
-    console.out(f"Setting: {chosen.setting} ({first.identity.scene}).")
+    console.out(f"Setting: {chosen.setting} ({first.identity['scene']}).")
     console.out(
         f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
         f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
@@ -199,6 +199,6 @@ def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
         console.out(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
     names = " ".join(row.technique for row in chosen.rows)
     console.out(
-        f"hmdjit study {first.identity.study_options} {first.setting_options} "
+        f"hmdjit study {first.identity['study_options']} {first.setting_options} "
         f"--techniques {names} --sessions {chosen.sessions}"
     )

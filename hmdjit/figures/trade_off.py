@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator
 from ..estimates.intervals import Z95
 from ..studies.identity import camera_words, frames_words
 from ..trade_off.settings import DEFAULT
-from ..trade_off.trade_off import NEGLIGIBLE, Identity, Row, front_of
+from ..trade_off.trade_off import NEGLIGIBLE, Row, front_of
 from . import drawing
 
 _MONTE_CARLO = 0.01  # relative standard error to which seconds are counted
@@ -64,22 +64,22 @@ def draw(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _footer(identity: Identity) -> str:
-    known = vars(identity)
+def _footer(identity: dict[str, str]) -> str:
     return (
-        f"Scene {identity.scene}; camera {camera_words(known)}; {frames_words(known)}. "
+        f"Scene {identity['scene']}; camera {camera_words(identity)}; "
+        f"{frames_words(identity)}. "
         "Reference: texture 4x, float64, homography. Bars: 95 % of the bias. "
-        f"{machine_words(identity)}; hmdjit {identity.hmdjit_version}, model "
-        f"{identity.model_version}, JAX {identity.jax_version}. Time to run; compiling "
-        "and baking apart."
+        f"{machine_words(identity)}; hmdjit {identity['hmdjit_version']}, model "
+        f"{identity['model_version']}, JAX {identity['jax_version']}. Time to run; "
+        "compiling and baking apart."
     )
 
 
-def machine_words(identity: Identity) -> str:
+def machine_words(identity: dict[str, str]) -> str:
     """Say on what a trade-off was timed, and how busy it was."""
     return (
-        f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
-        f"{identity.load:.2g} before"
+        "{device}, {cores} cores ({processor}), load ".format_map(identity)
+        + f"{float(identity['load']):.2g} before"
     )
 
 
