@@ -152,7 +152,7 @@ def test_figures_show_data_alone_or_a_model_beside_them(segments, recorded, tmp_
     for part in ("someone", "3 subjects, 30 Hz, 36 s held still", "median: ", *AXES):
         assert part in words
 
-    save(both, tmp_path / "both.png")
+    save(both, tmp_path / "both.png", tight=False)
     picture = imread(tmp_path / "both.png")
     assert picture.shape[:2] == (1170, 1650)
     assert 0.005 < (picture[..., :3].min(axis=-1) < 0.9).mean() < 0.5

@@ -16,6 +16,7 @@ import hmdjit as hj
 from hmdjit.cli import main as cli
 from hmdjit.estimates.intervals import Z95
 from hmdjit.figures import trade_off as trade_off_figure
+from hmdjit.figures.drawing import save
 from hmdjit.frames.displacement import GATHER, Reading
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
 from hmdjit.trade_off import choice, settings, trade_off
@@ -356,11 +357,11 @@ def test_a_picture_is_drawn_of_any_rows(tmp_path):
         [row("a"), row("b", bias=0.1, bias_by="frame mean", cost=1e-3)],
         [row("a", technique=t, knob="default") for t in ("none", "head_movement")],
     ):
-        path = trade_off_figure.write_figure(rows, tmp_path / "figure.png")
+        path = save(trade_off_figure.draw(rows), tmp_path / "figure.png")
         with PIL.Image.open(path) as picture:
             assert picture.width > 1000
     with pytest.raises(ValueError, match="a setting with flicker"):
-        trade_off_figure.write_figure([row(mean=0.0)], tmp_path / "none.png")
+        trade_off_figure.draw([row(mean=0.0)])
 
 
 # The commands.

@@ -11,6 +11,7 @@ from ..curve_fitting import CurveFit, CurveSpace, fit
 from ..curve_fitting.fitting import LEAST_SESSIONS
 from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
 from ..figures import curve_fitting as figures
+from ..figures.drawing import save
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
 from ..studies.identity import camera_words, frames_words
@@ -134,8 +135,9 @@ class FitCommand:
             ) from None
         # The curve comes last: where it is, its pictures are.
         footer = _footer(about)
-        figures.write_curve(found, pictures[0], footer)
-        figures.write_front(found, pictures[1], report.gain_sentence(found), footer)
+        gain = report.gain_sentence(found)
+        save(figures.draw_curve(found, footer), pictures[0])
+        save(figures.draw_front(found, gain, footer), pictures[1])
         table = report.provenance(found, about, self.lag)
         curve_file.write(self.out, found.technique, about={"fit": table})
         journal.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import tyro
 from .. import _checks, techniques
 from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
+from ..figures.drawing import save
 from ..reports import trade_off as trade_off_report
 from ..studies.study import Study
 from ..trade_off import choice, measuring, settings, trade_off
@@ -106,7 +107,7 @@ class TradeOffCommand:
             ) from None
         console.print(trade_off_report.table(rows, self.seconds, console.width))
         console.out(trade_off_report.explanation(rows), style="dim")
-        picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
+        picture = save(trade_off_figure.draw(rows), file.with_suffix(".png"))
         console.out(f"Wrote {file} and {picture}.")
         return OK
 

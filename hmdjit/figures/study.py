@@ -30,7 +30,7 @@ def write_figures(
     **Returns:** the paths of the files, named as `draw` names their figures.
     """
     return [
-        drawing.save(figure, Path(folder) / f"{name}.png", bbox_inches="tight")
+        drawing.save(figure, Path(folder) / f"{name}.png")
         for name, figure in draw(dataset, rows).items()
     ]
 

@@ -1,8 +1,6 @@
 """The picture of a trade-off: seconds against error, and the Pareto front in it."""
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,24 +20,15 @@ _MOST_CURVES = 6
 _SESSIONS = 500  # of the default study, marked on the curves
 
 
-def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
-    """Draw a trade-off as a PNG file, written whole or not at all.
+@drawing.styled
+def draw(rows: Sequence[Row]) -> Figure:
+    """Draw a trade-off, two panels per technique whose knobs were turned.
 
     Left, one point per setting: seconds to a Monte Carlo standard error of 1 % against
     |bias|. Right, total error against seconds for the settings of the front.
 
-    **Arguments:** `rows`: at least one, with flicker in its reference.
-
-    **Returns:** the path.
-
-    **Errors:** `ValueError` if no row can be drawn.
+    **Errors:** `ValueError` without a row that has flicker in its reference.
     """
-    return drawing.save(draw(rows), Path(path), bbox_inches="tight")
-
-
-@drawing.styled
-def draw(rows: Sequence[Row]) -> Figure:
-    """Draw a trade-off, two panels per technique whose knobs were turned."""
     shown = [row for row in rows if row.reference_mtcd > 0 and row.knob != "samples"]
     usual = [row.technique for row in shown if row.knob == DEFAULT]
     techniques = list(dict.fromkeys(usual or [row.technique for row in shown]))
