@@ -15,7 +15,6 @@ from ..figures.drawing import save
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
 from ..studies.identity import camera_words, frames_words
-from ..studies.measured_blocks import Tiles
 from ..studies.study import Study
 from ..techniques import curve_file
 from . import definition
@@ -173,22 +172,10 @@ def _scenes(command: FitCommand) -> tuple[tuple[str, ...], dict[str, AbstractSce
 
 
 def _study(command: FitCommand, names: tuple[str, ...]) -> Study:
-    measure = Tiles(1, 32)
+    shared = ("head", "sessions", "frames", "warmup", "width", "height", "fov")
+    options = {name: getattr(command, name) for name in (*shared, "refresh", "seed")}
     return definition.build(
-        definition.Options(
-            scenes=names,
-            head=command.head,
-            sessions=command.sessions,
-            frames=command.frames,
-            warmup=command.warmup,
-            tiles=measure.count,
-            tile_size=measure.size_px,
-            width=command.width,
-            height=command.height,
-            fov=command.fov,
-            refresh=command.refresh,
-            seed=command.seed,
-        )
+        definition.Options(scenes=names, tiles=1, tile_size=32, **options)
     )
 
 

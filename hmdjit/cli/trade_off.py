@@ -3,7 +3,7 @@
 import dataclasses
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import rich.console
 import tyro
@@ -162,9 +162,12 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
     """Study of one scene, and the options that name it."""
     if command.scene is not None and command.images is not None:
         raise ValueError("scene and images exclude each other: name one of them.")
+    picture: dict[str, Any] = {"scenes": (command.scene or SCENE,)}
+    if command.images is not None:
+        picture = {"images": (command.images,)}
+    ((option, (name,)),) = picture.items()
     options = definition.Options(
-        images=None if command.images is None else (command.images,),
-        scenes=None if command.images is not None else (command.scene or SCENE,),
+        **picture,
         head=command.head,
         techniques=command.technique,
         baseline=command.technique[0] if command.technique else None,
@@ -173,12 +176,7 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
         fov=command.fov,
         seed=command.seed,
     )
-    picture = (
-        ["--scenes", command.scene or SCENE]
-        if command.images is None
-        else ["--images", str(command.images)]
-    )
-    words = [*picture, "--head", command.head or definition.HEAD]
+    words = [f"--{option}", str(name), "--head", command.head or definition.HEAD]
     if command.fov is not None:
         words += ["--fov", f"{command.fov:g}"]
     if command.seed:
