@@ -174,12 +174,11 @@ def _flicker_detail(study: Compared) -> Figure:
         pooled = study.rows[technique, POOLED]
         if math.isfinite(pooled.mean + _loss(pooled)):
             shown.append(pooled)
-            half = Z95 * pooled.others["detail_loss"].standard_error
-            loss = (
+            mean, half = (
                 _loss(pooled),
-                _loss(pooled) - half,
-                _loss(pooled) + half,
+                Z95 * pooled.others["detail_loss"].standard_error,
             )
+            loss = (mean, mean - half, mean + half)
             mtcd = (pooled.mean, pooled.low, pooled.high)
             look |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
             drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **look)
@@ -201,10 +200,10 @@ def _flicker_detail(study: Compared) -> Figure:
         color=drawing.GREY,
         arrowprops={"arrowstyle": "->", "color": drawing.GREY},
     )
-    names = [
-        (row, study.label(row.technique), study.look[row.technique]) for row in shown
+    points = [
+        (_loss(row), row.mean, study.label(row.technique), study.look[row.technique][0])
+        for row in shown
     ]
-    points = [(_loss(row), row.mean, name, look[0]) for row, name, look in names]
     drawing.label_points(figure, axes, points)
     return figure
 

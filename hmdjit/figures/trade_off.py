@@ -90,14 +90,13 @@ def _look(row: Row, front: Sequence[Row]) -> tuple[str, str, str]:
 
 
 def _plane(axes: Axes, rows: Sequence[Row]) -> None:
-    front = front_of(rows)
+    front, floor = front_of(rows), 100 * NEGLIGIBLE
     for row in rows:
         seconds, bias = _place(row)
         if not np.isfinite(seconds):
             continue
         colour, marker, name = _look(row, front)
         spread = 100 * Z95 * row.bias_se / row.reference_mtcd
-        floor = 100 * NEGLIGIBLE
         is_front = row in front
         drawing.errorbar(
             axes,
@@ -112,15 +111,14 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
             zorder=4 if is_front else 3,
             label=name,
         )
-    places = np.array([_place(row) for row in front])
     if len(front) > 1:
+        places = np.array([_place(row) for row in front])
         axes.step(*places.T, where="post", color=_FRONT, lw=1.6, alpha=0.6, zorder=2)
     axes.set_xlabel("seconds to a Monte Carlo standard error of 1 % of MTCD")
     axes.set_ylabel("|bias| of MTCD, % of the reference")
     _logarithmic(axes)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(min(bottom, 100 * NEGLIGIBLE) / 2, top)
-    floor = 100 * NEGLIGIBLE
+    axes.set_ylim(min(bottom, floor) / 2, top)
     axes.axhline(floor, color=drawing.GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
     axes.annotate(
         f"{floor:g} % or less",
