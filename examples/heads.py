@@ -79,7 +79,7 @@ def cells(found: statistics.Goodness) -> list[str]:
     off = lambda ours, theirs: 100 * (np.asarray(ours) / np.asarray(theirs) - 1)
     speeds = [
         off(model.speed_rms_deg_s, recorded.speed_rms_deg_s),
-        off(model.speed_median_deg_s, recorded.speed_median_deg_s),
+        off(model.speed_quantile(0.5), recorded.speed_quantile(0.5)),
         off(model.speed_quantile(0.95), recorded.speed_quantile(0.95)),
     ]
     limits = (WANDER, WANDER, LONG_WANDER)

@@ -186,7 +186,7 @@ WRONG_STUDIES = [
     (["{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--head", "fixatin"], r"head must be one of .* Did you mean 'fixating'\?"),
     (["--head", "{missing_toml}"], r"missing.toml: cannot be read: No such file"),
-    (["--head", "{bad_key}"], r"bad_key.toml: key must be one of .* got 'sesions'"),
+    (["--head", "{bad_key}"], r"bad_key.toml: unknown key sesions\."),
     (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
     (["{bad_head}"], r"bad_head.toml: head must be a string, got 3"),
     (["--out", "{beneath}"], r"out must be where files can be made.* is a file"),

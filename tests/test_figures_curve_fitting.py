@@ -114,16 +114,6 @@ def test_the_front_is_drawn_with_its_neighbours():
     assert {"Kim et al.", "fitted", "no anti-aliasing"} <= names
 
 
-def test_pictures_are_written(tmp_path):
-    paths = [
-        figures.write_curve(fitted(), tmp_path / "curve.png", "footer"),
-        figures.write_front(fitted(), tmp_path / "front.png", "gain", "footer"),
-    ]
-    for path in paths:
-        assert path.read_bytes()[:4] == b"\x89PNG"
-        assert path.stat().st_size > 10_000
-
-
 def test_gains_are_told_in_percent_of_kims_flicker():
     # At a detail loss of 1.5 the front has 0.5: 0.1 less than 0.6.
     gain = report.gain_percent(fitted())

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hmdjit import _toml
 from hmdjit.head_motion import Amplitude, HeadMotion, Resonator, presets
 
 TABLES = presets.tables()
@@ -59,7 +60,7 @@ def test_presets_say_how_sure_each_number_is(name):
     table = TABLES[name]
     numbers = {key: table[key] for key in table if key not in presets.ABOUT}
     assert places(table["standard_error"]) == places(numbers)
-    of_head = presets.to_table(HeadMotion.preset(name))
+    of_head = _toml.table(HeadMotion.preset(name))
     assert places(numbers) == {key: places(of_head[key]) for key in numbers}
     errors = jax.tree.leaves(table["standard_error"])
     # NaN: not fitted.
@@ -98,7 +99,7 @@ heads = st.builds(
 
 @given(heads)
 def test_tables_give_the_same_head(head):
-    assert presets.from_table(HeadMotion, presets.to_table(head)) == head
+    assert presets.from_table(HeadMotion, _toml.table(head)) == head
 
 
 # What TOML cannot have in a string as it is, and more than one line.
@@ -156,9 +157,9 @@ def test_a_table_needs_no_more_than_a_wander(folder):
         (PLAIN.replace("tracker", "#"), r"tracker_noise_deg is missing\."),
         (
             PLAIN + "retrun_time_s = 3",
-            r"key must be one of .*Did you mean 'return_time",
+            r"unknown key retrun_time_s\. Did you mean return_time_s\?",
         ),
-        (PLAIN + "[head]\nx = 1", r"key must be one of .* got 'head'\."),
+        (PLAIN + "[head]\nx = 1", r"unknown key head\. Known are speed_rms_deg_s, "),
         (PLAIN + "person_sd = true", r"person_sd must be a number, got True\."),
         (PLAIN + "person_sd = 'much'", r"person_sd must be a number, got 'much'\."),
         (
@@ -169,10 +170,16 @@ def test_a_table_needs_no_more_than_a_wander(folder):
         (PLAIN + "return_time_s = inf", r"return_time_s must lie in .* got inf\."),
         (
             PLAIN.replace("[0.9, 0.6, 0.7]", "0.9"),
-            r"speed_rms_deg_s must be 3 numbers .*",
+            r"speed_rms_deg_s must be a list of 3 numbers, got 0\.9\.",
         ),
-        (PLAIN.replace("0.9, ", ""), r"speed_rms_deg_s must have 3 numbers .* got 2\."),
-        (PLAIN.replace("0.9", "'0.9'"), r"speed_rms_deg_s must be 3 numbers .* got \["),
+        (
+            PLAIN.replace("0.9, ", ""),
+            r"speed_rms_deg_s must be a list of 3 .* got \[0\.6, 0\.7\]",
+        ),
+        (
+            PLAIN.replace("0.9", "'0.9'"),
+            r"speed_rms_deg_s must be a list of 3 numbers, got \[",
+        ),
         (
             PLAIN.replace("0.15", "0"),
             r"correlation_time_s \(pitch\) must lie in \(0, inf",
@@ -185,7 +192,7 @@ def test_a_table_needs_no_more_than_a_wander(folder):
         (PLAIN + "resonators = [1]", r"resonators\[0\] must be a table, got 1\."),
         (
             PLAIN + f"resonators = [{MODE}, {MODE.replace('damping', 'damp')}]",
-            r"resonators\[1\]\.key must be one of .* Did you mean 'damping'\?",
+            r"unknown key resonators\[1\]\.damp\. Did you mean reson.*\.damping",
         ),
         (
             PLAIN + f"resonators = [{MODE.replace('0.1, 1, 2', '0.1, 0, 2')}]",
@@ -193,7 +200,7 @@ def test_a_table_needs_no_more_than_a_wander(folder):
         ),
         (
             PLAIN + f"resonators = [{MODE.replace('3, 3, 3', '3, 3')}]",
-            r"resonators\[0\]\.frequency_hz must have 3 numbers .* got 2\.",
+            r"resonators\[0\]\.frequency_hz must be a list of 3 .* got \[3, 3\]\.",
         ),
         (PLAIN + "amplitude = 0.5", r"amplitude must be a table, got 0\.5\."),
         (PLAIN + "amplitude.sd = 0.5", r"amplitude\.correlation_time_s is missing\."),

@@ -9,7 +9,7 @@ from matplotlib.text import Text
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from hmdjit import HeadMotion, Trace
+from hmdjit import HeadMotion, Trace, _toml
 from hmdjit.figures import head as head_figure
 from hmdjit.figures.drawing import save
 from hmdjit.head_fitting import spectra, statistics
@@ -62,7 +62,7 @@ def scaled(table: Any, by: float) -> Any:
 
 
 def fit(**others):
-    numbers = presets.to_table(HEAD)
+    numbers = _toml.table(HEAD)
     head, low, high, error = (
         presets.from_table(HeadMotion, scaled(numbers, by))
         for by in (1, 0.9, 1.1, 0.05)
@@ -152,7 +152,7 @@ def test_figures_show_data_alone_or_a_model_beside_them(segments, recorded, tmp_
     for part in ("someone", "3 subjects, 30 Hz, 36 s held still", "median: ", *AXES):
         assert part in words
 
-    save(both, tmp_path / "both.png")
+    save(both, tmp_path / "both.png", tight=False)
     picture = imread(tmp_path / "both.png")
     assert picture.shape[:2] == (1170, 1650)
     assert 0.005 < (picture[..., :3].min(axis=-1) < 0.9).mean() < 0.5

@@ -30,34 +30,28 @@ class EnvelopeCommand:
 
     def run(self, console: rich.console.Console) -> int:
         """Measure, print, write and draw; an unmet bound is a failure."""
-        return OK if run(self, console) else FAILED
+        check_seed(self.seed)
+        check_can_write(self.out)
+        try:
+            import mpmath  # noqa: F401
+        except ImportError as error:
+            raise ImportError(
+                "The envelope needs mpmath: install `hmdjit[study]`."
+            ) from error
+        from ..envelope import engine
+        from ..envelope.table import ROWS
+        from ..figures import envelope as figure
+        from ..reports import envelope as report
 
-
-def run(command: EnvelopeCommand, console: rich.console.Console) -> bool:
-    """Measure, print, write and draw; returns whether every bound holds."""
-    check_seed(command.seed)
-    check_can_write(command.out)
-    try:
-        import mpmath  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "The envelope needs mpmath: install `hmdjit[study]`."
-        ) from error
-    from ..envelope import engine
-    from ..envelope.table import ROWS
-    from ..figures import envelope as figure
-    from ..reports import envelope as report
-
-    start = time.monotonic()
-    with Display(console) as display:
-        say = lambda row: display(Progress(doing=row.name))
-        seed, quick = command.seed, command.quick
-        rows = engine.measure(ROWS, seed=seed, quick=quick, progress=say)
-    console.print(report.table(rows, console.width))
-    console.out(report.explanation(rows))
-    file = report.write_csv(rows, command.out / "envelope.csv")
-    points = 49 if command.quick else 121
-    picture = figure.write_figure(file.with_suffix(".png"), command.seed, points)
-    seconds = time.monotonic() - start
-    console.out(f"Wrote {file} and {picture} after {seconds:.0f} s.")
-    return all(row.holds for row in rows)
+        start = time.monotonic()
+        with Display(console) as display:
+            say = lambda row: display(Progress(doing=row.name))
+            rows = engine.measure(ROWS, seed=self.seed, quick=self.quick, progress=say)
+        console.print(report.table(rows, console.width))
+        console.out(report.explanation(rows))
+        file = report.write_csv(rows, self.out / "envelope.csv")
+        points = 49 if self.quick else 121
+        picture = figure.write_figure(file.with_suffix(".png"), self.seed, points)
+        seconds = time.monotonic() - start
+        console.out(f"Wrote {file} and {picture} after {seconds:.0f} s.")
+        return OK if all(row.holds for row in rows) else FAILED

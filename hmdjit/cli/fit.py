@@ -11,10 +11,10 @@ from ..curve_fitting import CurveFit, CurveSpace, fit
 from ..curve_fitting.fitting import LEAST_SESSIONS
 from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
 from ..figures import curve_fitting as figures
+from ..figures.drawing import save
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
 from ..studies.identity import camera_words, frames_words
-from ..studies.measured_blocks import Tiles
 from ..studies.study import Study
 from ..techniques import curve_file
 from . import definition
@@ -134,8 +134,9 @@ class FitCommand:
             ) from None
         # The curve comes last: where it is, its pictures are.
         footer = _footer(about)
-        figures.write_curve(found, pictures[0], footer)
-        figures.write_front(found, pictures[1], report.gain_sentence(found), footer)
+        gain = report.gain_sentence(found)
+        save(figures.draw_curve(found, footer), pictures[0])
+        save(figures.draw_front(found, gain, footer), pictures[1])
         table = report.provenance(found, about, self.lag)
         curve_file.write(self.out, found.technique, about={"fit": table})
         journal.unlink(missing_ok=True)
@@ -171,22 +172,10 @@ def _scenes(command: FitCommand) -> tuple[tuple[str, ...], dict[str, AbstractSce
 
 
 def _study(command: FitCommand, names: tuple[str, ...]) -> Study:
-    measure = Tiles(1, 32)
+    shared = ("head", "sessions", "frames", "warmup", "width", "height", "fov")
+    options = {name: getattr(command, name) for name in (*shared, "refresh", "seed")}
     return definition.build(
-        definition.Options(
-            scenes=names,
-            head=command.head,
-            sessions=command.sessions,
-            frames=command.frames,
-            warmup=command.warmup,
-            tiles=measure.count,
-            tile_size=measure.size_px,
-            width=command.width,
-            height=command.height,
-            fov=command.fov,
-            refresh=command.refresh,
-            seed=command.seed,
-        )
+        definition.Options(scenes=names, tiles=1, tile_size=32, **options)
     )
 
 

@@ -10,7 +10,7 @@ import rich.console
 import tyro
 from scipy.spatial.transform import Rotation
 
-from .. import _checks
+from .. import _checks, _toml
 from .._version import __version__
 from ..figures import head as head_figure
 from ..figures.drawing import save
@@ -54,7 +54,7 @@ class Recordings:
     def read(self, console: rich.console.Console) -> list[Trace]:
         """Read the traces, each once."""
         _checks.in_range("max_speed", self.max_speed, 0, open_low=True)
-        console.print(f"Reading {len(self.traces)} recordings.", highlight=False)
+        console.out(f"Reading {len(self.traces)} recordings.")
         traces = [
             Trace.read(
                 path, columns=self.columns, time_unit=self.time_unit, axes=self.axes
@@ -100,6 +100,30 @@ class Fit:
         Path("head.toml")
     )
 
+    def run(self, console: rich.console.Console) -> None:
+        """Fit, print, draw and write."""
+        (figure_file,) = files_beside(self.out, ".toml", ".png")
+        recordings = self.recordings
+        traces = recordings.read(console)
+        segments, rate_hz = recordings.still(console, traces)
+        what = "orders 0, 1 and 2, of which held-out data choose one: some minutes."
+        if self.order is not None:
+            what = f"order {self.order}: about a minute, most of it to compile."
+        console.print(f"Fitting {what}")
+        with console.status("fitting"):
+            fit = fitting.fit_heads(
+                traces, order=self.order, max_speed_deg_s=recordings.max_speed
+            )
+        head_report.print_fit(console, fit)
+        goodness = _beside(console, fit.head, segments, rate_hz)
+        title = f"{self.out.name}, fitted to {recordings.name}"
+        figure = head_figure.draw(
+            title, segments, goodness.recorded, fit.head, goodness.model
+        )
+        save(figure, figure_file, tight=False)
+        presets.write(self.out, fit.head, _about(fit, traces, recordings.max_speed))
+        console.out(f"Wrote {self.out} and {figure_file}.")
+
 
 @dataclasses.dataclass(frozen=True)
 class Describe:
@@ -112,6 +136,22 @@ class Describe:
     out: Annotated[
         Path, shown("PNG", "File for the figure (default: describe.png).")
     ] = Path("describe.png")
+
+    def run(self, console: rich.console.Console) -> None:
+        """Measure, print and draw."""
+        (figure_file,) = files_beside(self.out, ".png", ".png")
+        head = None if self.model is None else head_model(self.model)
+        recordings = self.recordings
+        segments, rate_hz = recordings.still(console, recordings.read(console))
+        if head is None:
+            recorded, model = statistics.describe(segments, rate_hz), None
+            head_report.print_description(console, recorded)
+        else:
+            recorded, model, *_ = _beside(console, head, segments, rate_hz)
+        title = recordings.name + (f" beside {self.model}" if head else "")
+        figure = head_figure.draw(title, segments, recorded, head, model)
+        save(figure, figure_file, tight=False)
+        console.out(f"Wrote {figure_file}.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,64 +166,48 @@ class Sample:
         Path("sample.csv")
     )
 
+    def run(self, console: rich.console.Console) -> None:
+        """Draw a session, print and draw what it does, write it."""
+        (figure_file,) = files_beside(self.out, ".csv", ".png")
+        head, rate_hz = head_model(self.model), self.rate
+        check_seed(self.seed)
+        _checks.in_range("rate", rate_hz, *_RATES_HZ)
+        longest_s = _MOST_FRAMES / rate_hz
+        _checks.in_range("seconds", self.seconds, spectra.WINDOW_S, longest_s)
+        frames = round(self.seconds * rate_hz) + 1
+        path = head.rotation_vectors(study_key(self.seed), rate_hz, frames)
+        poses = Rotation.from_rotvec(np.array(path, float)).as_quat(scalar_first=True)
+        trace = Trace(np.arange(frames) / rate_hz, poses, name=self.out.name)
+        draws = max(1, min(_DRAWS, _MOST_DRAWN_FRAMES // frames))
+        goodness = _beside(console, head, [trace], rate_hz, word="drawn", draws=draws)
+        figure = head_figure.draw(
+            f"A person drawn from {self.model}, seed {self.seed}",
+            [trace],
+            goodness.recorded,
+            head,
+            goodness.model,
+            word="drawn",
+        )
+        save(figure, figure_file, tight=False)
+        trace.write(self.out)
+        console.out(f"Wrote {self.out} and {figure_file}.")
 
-Command = (
-    Annotated[Fit, tyro.conf.subcommand("fit")]
-    | Annotated[Describe, tyro.conf.subcommand("describe")]
-    | Annotated[Sample, tyro.conf.subcommand("sample")]
-)
+
+_Command = tyro.conf.OmitArgPrefixes[Fit | Describe | Sample]
 
 
 @dataclasses.dataclass(frozen=True)
 class HeadCommand:
     """How heads move: fit a model to recordings, describe them, sample a model."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[Command]]
+    command: tyro.conf.OmitSubcommandPrefixes[_Command]
 
     def run(self, console: rich.console.Console) -> int:
-        """Run the command of `head` that was asked for."""
-        run(self.command, console)
+        """Run its command; files are written last, each whole or not at all."""
+        # An axis that does not move at all has no kurtosis and no logarithm.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.command.run(console)
         return OK
-
-
-def run(command: Fit | Describe | Sample, console: rich.console.Console) -> None:
-    """Run a command; files are written last, each whole or not at all."""
-    # An axis that does not move at all has no kurtosis and no logarithm.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if isinstance(command, Fit):
-            _fit(command, console)
-        elif isinstance(command, Describe):
-            _describe(command, console)
-        else:
-            _sample(command, console)
-
-
-def _fit(command: Fit, console: rich.console.Console) -> None:
-    (figure_file,) = files_beside(command.out, ".toml", ".png")
-    recordings = command.recordings
-    traces = recordings.read(console)
-    segments, rate_hz = recordings.still(console, traces)
-    console.print(
-        "Fitting orders 0, 1 and 2, of which held-out data choose one: some minutes."
-        if command.order is None
-        else f"Fitting order {command.order}: about a minute, most of it to compile.",
-        highlight=False,
-    )
-    with console.status("fitting"):
-        fit = fitting.fit_heads(
-            traces, order=command.order, max_speed_deg_s=recordings.max_speed
-        )
-    head_report.print_fit(console, fit)
-    goodness = _beside(console, fit.head, segments, rate_hz)
-    title = f"{command.out.name}, fitted to {recordings.name}"
-    figure = head_figure.draw(
-        title, segments, goodness.recorded, fit.head, goodness.model
-    )
-    save(figure, figure_file)
-    presets.write(command.out, fit.head, _about(fit, traces, recordings.max_speed))
-    console.print(
-        f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
-    )
 
 
 def _about(
@@ -203,52 +227,8 @@ def _about(
     return {
         "source": ", ".join(trace.name for trace in traces),
         "fit": rests_on,
-        "standard_error": presets.to_table(fit.standard_error),
+        "standard_error": _toml.table(fit.standard_error),
     }
-
-
-def _describe(command: Describe, console: rich.console.Console) -> None:
-    (figure_file,) = files_beside(command.out, ".png", ".png")
-    head = None if command.model is None else head_model(command.model)
-    recordings = command.recordings
-    segments, rate_hz = recordings.still(console, recordings.read(console))
-    if head is None:
-        recorded, model = statistics.describe(segments, rate_hz), None
-        head_report.print_description(console, recorded)
-    else:
-        recorded, model, *_ = _beside(console, head, segments, rate_hz)
-    title = recordings.name + (f" beside {command.model}" if head else "")
-    figure = head_figure.draw(title, segments, recorded, head, model)
-    save(figure, figure_file)
-    console.print(f"Wrote {figure_file}.", highlight=False, soft_wrap=True)
-
-
-def _sample(command: Sample, console: rich.console.Console) -> None:
-    (figure_file,) = files_beside(command.out, ".csv", ".png")
-    head, rate_hz = head_model(command.model), command.rate
-    check_seed(command.seed)
-    _checks.in_range("rate", rate_hz, *_RATES_HZ)
-    longest_s = _MOST_FRAMES / rate_hz
-    _checks.in_range("seconds", command.seconds, spectra.WINDOW_S, longest_s)
-    frames = round(command.seconds * rate_hz) + 1
-    path = head.rotation_vectors(study_key(command.seed), rate_hz, frames)
-    poses = Rotation.from_rotvec(np.array(path, float)).as_quat(scalar_first=True)
-    trace = Trace(np.arange(frames) / rate_hz, poses, name=command.out.name)
-    draws = max(1, min(_DRAWS, _MOST_DRAWN_FRAMES // frames))
-    goodness = _beside(console, head, [trace], rate_hz, word="drawn", draws=draws)
-    figure = head_figure.draw(
-        f"A person drawn from {command.model}, seed {command.seed}",
-        [trace],
-        goodness.recorded,
-        head,
-        goodness.model,
-        word="drawn",
-    )
-    save(figure, figure_file)
-    trace.write(command.out)
-    console.print(
-        f"Wrote {command.out} and {figure_file}.", highlight=False, soft_wrap=True
-    )
 
 
 def _beside(

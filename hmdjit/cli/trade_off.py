@@ -3,7 +3,7 @@
 import dataclasses
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import rich.console
 import tyro
@@ -11,6 +11,7 @@ import tyro
 from .. import _checks, techniques
 from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
+from ..figures.drawing import save
 from ..reports import trade_off as trade_off_report
 from ..studies.study import Study
 from ..trade_off import choice, measurement, settings, trade_off
@@ -108,7 +109,7 @@ class TradeOffCommand:
             ) from None
         console.print(trade_off_report.table(rows, self.seconds, console.width))
         console.out(trade_off_report.explanation(rows), style="dim")
-        picture = trade_off_figure.write_figure(rows, file.with_suffix(".png"))
+        picture = save(trade_off_figure.draw(rows), file.with_suffix(".png"))
         console.out(f"Wrote {file} and {picture}.")
         return OK
 
@@ -163,9 +164,12 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
     """Study of one scene, and the options that name it."""
     if command.scene is not None and command.images is not None:
         raise ValueError("scene and images exclude each other: name one of them.")
+    picture: dict[str, Any] = {"scenes": (command.scene or SCENE,)}
+    if command.images is not None:
+        picture = {"images": (command.images,)}
+    ((option, (name,)),) = picture.items()
     options = definition.Options(
-        images=None if command.images is None else (command.images,),
-        scenes=None if command.images is not None else (command.scene or SCENE,),
+        **picture,
         head=command.head,
         techniques=command.technique,
         baseline=command.technique[0] if command.technique else None,
@@ -174,12 +178,7 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
         fov=command.fov,
         seed=command.seed,
     )
-    picture = (
-        ["--scenes", command.scene or SCENE]
-        if command.images is None
-        else ["--images", str(command.images)]
-    )
-    words = [*picture, "--head", command.head or definition.HEAD]
+    words = [f"--{option}", str(name), "--head", command.head or definition.HEAD]
     if command.fov is not None:
         words += ["--fov", f"{command.fov:g}"]
     if command.seed:
@@ -190,7 +189,7 @@ def _study(command: TradeOffCommand) -> tuple[Study, str]:
 def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
     first = chosen.rows[0]
     compile_s = sum(row.compile_s for row in chosen.rows) + first.bake_s
-    console.out(f"Setting: {chosen.setting} ({first.identity.scene}).")
+    console.out(f"Setting: {chosen.setting} ({first.identity['scene']}).")
     console.out(
         f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
         f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
@@ -201,6 +200,6 @@ def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
         console.out(f"{row.technique}: bias {bias:+.3f} ± {Z95 * error:.3f} % of MTCD.")
     names = " ".join(row.technique for row in chosen.rows)
     console.out(
-        f"hmdjit study {first.identity.study_options} {first.setting_options} "
+        f"hmdjit study {first.identity['study_options']} {first.setting_options} "
         f"--techniques {names} --sessions {chosen.sessions}"
     )

@@ -136,7 +136,7 @@ class Front:
         curvatures = np.stack(columns, axis=-1) / _DIFFERENCE
         newton = point + newton_step(gradients, curvatures)
         there = self._measured(weight, newton)
-        is_within = _loss(there) <= bound * (1 + _BOUND_TOLERANCE)
+        is_within = there.relative[..., 1].mean() <= bound * (1 + _BOUND_TOLERANCE)
         if there.cost < here.cost and is_within:
             point, gradients = newton, there.gradients()
         space = self._problem(weight).space
@@ -178,8 +178,3 @@ class Front:
     def _measured(self, weight: float, point: Numbers) -> Linearized:
         self.steps += 1
         return self._problem(weight).at(point)
-
-
-def _loss(found: Linearized) -> float:
-    """Mean detail loss over scenes and sessions, relative to its unit."""
-    return float(found.relative[..., 1].mean())

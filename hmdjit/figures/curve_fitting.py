@@ -1,6 +1,5 @@
 """Pictures of a fitted curve, and of the front that it is on."""
 
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -52,16 +51,6 @@ def _weights(
     at = jax.vmap(current_weight, in_axes=(None, 0, 0))
     one = lambda numbers: at(space.of_numbers(numbers), speeds_deg_s, differences)
     return jax.vmap(one)(drawn)
-
-
-def write_curve(fit: CurveFit, path: Path, footer: str) -> Path:
-    """Draw a fitted curve as a PNG file, written whole or not at all."""
-    return drawing.save(draw_curve(fit, footer), path, bbox_inches="tight")
-
-
-def write_front(fit: CurveFit, path: Path, gain: str, footer: str) -> Path:
-    """Draw a fit's front as a PNG file, written whole or not at all."""
-    return drawing.save(draw_front(fit, gain, footer), path, bbox_inches="tight")
 
 
 @drawing.styled

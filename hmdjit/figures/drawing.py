@@ -50,12 +50,15 @@ styled = matplotlib.rc_context(
 """Decorator of what draws figures: in this style, whatever is set elsewhere."""
 
 
-def save(figure: Figure, path: Path, **options: Any) -> Path:
-    """Save a figure as PNG, whole or not at all, and return its path."""
+def save(figure: Figure, path: Path, *, tight: bool = True) -> Path:
+    """Save a figure as PNG, whole or not at all, and return its path.
+
+    **Arguments:** `tight`: cut or widened to what is drawn; else as large as it says.
+    """
+    box = "tight" if tight else None
     with written_atomically(path) as unfinished:
-        figure.savefig(
-            unfinished, format="png", dpi=DPI, metadata={"Software": None}, **options
-        )
+        look: Any = {"dpi": DPI, "bbox_inches": box, "metadata": {"Software": None}}
+        figure.savefig(unfinished, format="png", **look)
     return path
 
 

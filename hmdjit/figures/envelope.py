@@ -30,7 +30,7 @@ _Panel = tuple[str, str, dict[str, list[float]]]
 
 def write_figure(path: Path, seed: int = 0, points: int = 121) -> Path:
     """Draw and save the figure."""
-    return drawing.save(draw(seed, points), path)
+    return drawing.save(draw(seed, points), path, tight=False)
 
 
 def draw(seed: int = 0, points: int = 121) -> Figure:

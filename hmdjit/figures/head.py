@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -22,7 +21,7 @@ from ..head_fitting.spectra import Periodograms
 from ..head_fitting.statistics import Description
 from ..head_motion import HeadMotion, Trace
 from ..head_motion.parameters import AXES
-from .drawing import DPI, GREY
+from .drawing import DPI, GREY, styled
 
 # Okabe and Ito's blue, vermillion and green: lighter for models, darker for heads.
 _LIGHT = dict(zip(AXES, ("#3D9BD5", "#F08A45", "#35B892"), strict=True))
@@ -32,6 +31,7 @@ _MARKERS = dict(zip(AXES, "os^", strict=True))
 _DASHED: dict[str, Any] = {"lw": 2, "ls": (0, (4, 1.5))}
 _SOFT = {"alpha": 0.3, "lw": 0}
 _PALE = "#858585"
+_PLAIN: dict[str, Any] = {"fontsize": 10, "fontweight": "normal"}
 _SPEEDS = {"median": 0.5, "95 %": 0.95}
 _PERSONS = 1.645  # 90 % of persons lie within so many standard deviations
 _BINS = 60
@@ -40,6 +40,7 @@ _TITLE = 110  # characters
 _Spectrum = Float64[np.ndarray, "freqs 3"]
 
 
+@styled
 def draw(
     title: str,
     segments: Sequence[Trace],
@@ -63,7 +64,6 @@ def draw(
     if not recorded.speed_rms_deg_s:
         raise ValueError("heads must move to be drawn, but all their turns are 0.")
     figure = Figure(figsize=(11, 7.8), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
     plan = figure.add_gridspec(2, 1)
     upper: Any = plan[0].subgridspec(1, 3).subplots(sharex=True, sharey=True)
     lower: Any = plan[1].subgridspec(1, 2).subplots()
@@ -72,9 +72,7 @@ def draw(
     _structure(lower[0], recorded, head)
     _speeds(lower[1], recorded, model, word)
     for axes in figure.axes:
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(color="#e6e6e6", lw=0.6)
-        axes.set_axisbelow(True)
+        axes.grid()
         axes.tick_params(labelsize=8.5)
     subjects = len(periodograms.subjects)
     about = (
@@ -89,7 +87,7 @@ def draw(
     engine.set(rect=(0, 0, 1, 0.93), hspace=0.03)
     handles = _legend(word, subjects > 1, head is not None)
     below: Any = "outside lower center"  # missing from matplotlib's own types
-    figure.legend(handles=handles, loc=below, ncols=4, frameon=False, fontsize=9)
+    figure.legend(handles=handles, loc=below, ncols=4, fontsize=9)
     return figure
 
 
@@ -113,8 +111,7 @@ def _spectra(
             axes.fill_between(frequency_hz, low, high, color=_LIGHT[axis], **_SOFT)
             axes.plot(frequency_hz, middle, color=_LIGHT[axis], **_DASHED)
         _logarithmic(axes)
-        name = f"{axis} ({_SENSE[axis]})"
-        axes.set_title(name, loc="left", size=10, weight="bold", color=_DARK[axis])
+        axes.set_title(f"{axis} ({_SENSE[axis]})", size=10, color=_DARK[axis])
         axes.set_xlabel("frequency, Hz")
     panels[0].set_ylabel("velocity spectrum, (deg/s)²/Hz")
 
@@ -152,11 +149,11 @@ def _structure(axes: Axes, recorded: Description, head: HeadMotion | None) -> No
         for k, axis in enumerate(AXES):
             axes.plot(lag_s, _positive(turned[:, k]), color=_LIGHT[axis], **_DASHED)
     _logarithmic(axes)
-    axes.set_title("how far heads turn within a time", loc="left", fontsize=10)
+    axes.set_title("how far heads turn within a time", **_PLAIN)
     axes.set_xlabel("lag, s")
     axes.set_ylabel("structure function, deg²")
     above: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98)}
-    axes.legend(ncols=3, frameon=False, fontsize=9, columnspacing=1.2, **above)
+    axes.legend(ncols=3, fontsize=9, columnspacing=1.2, **above)
 
 
 def _speeds(
@@ -188,7 +185,7 @@ def _speeds(
     axes.set_xlim(0, 1.8 * fastest or 1.0)
     axes.set_ylim(0, 1.01)
     axes.yaxis.set_major_formatter(PercentFormatter(1))
-    axes.set_title("how fast heads are", loc="left", fontsize=10)
+    axes.set_title("how fast heads are", **_PLAIN)
     axes.set_xlabel("angular speed, deg/s")
     axes.set_ylabel("frames that are at most this fast")
 
@@ -199,8 +196,7 @@ def _positive(values: np.ndarray) -> np.ndarray:
 
 
 def _logarithmic(axes: Axes) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     axes.xaxis.set_major_formatter("{x:g}")
 
 

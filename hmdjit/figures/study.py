@@ -30,7 +30,7 @@ def write_figures(
     **Returns:** the paths of the files, named as `draw` names their figures.
     """
     return [
-        drawing.save(figure, Path(folder) / f"{name}.png", bbox_inches="tight")
+        drawing.save(figure, Path(folder) / f"{name}.png")
         for name, figure in draw(dataset, rows).items()
     ]
 
@@ -179,12 +179,11 @@ def _flicker_detail(study: Compared) -> Figure:
         pooled = study.rows[technique, POOLED]
         if math.isfinite(pooled.mean + _loss(pooled)):
             shown.append(pooled)
-            half = Z95 * pooled.others["detail_loss"].standard_error
-            loss = (
+            mean, half = (
                 _loss(pooled),
-                _loss(pooled) - half,
-                _loss(pooled) + half,
+                Z95 * pooled.others["detail_loss"].standard_error,
             )
+            loss = (mean, mean - half, mean + half)
             mtcd = (pooled.mean, pooled.low, pooled.high)
             style |= {"ms": 8, "mec": "white", "lw": 1.6, "capsize": 3}
             drawing.errorbar(axes, loss, mtcd, clip_on=False, zorder=5, **style)
@@ -206,10 +205,15 @@ def _flicker_detail(study: Compared) -> Figure:
         color=drawing.GREY,
         arrowprops={"arrowstyle": "->", "color": drawing.GREY},
     )
-    names = [
-        (row, study.label(row.technique), study.style[row.technique]) for row in shown
+    points = [
+        (
+            _loss(row),
+            row.mean,
+            study.label(row.technique),
+            study.style[row.technique][0],
+        )
+        for row in shown
     ]
-    points = [(_loss(row), row.mean, name, style[0]) for row, name, style in names]
     drawing.label_points(figure, axes, points)
     return figure
 

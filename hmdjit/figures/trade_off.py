@@ -1,8 +1,6 @@
 """The picture of a trade-off: seconds against error, and the Pareto front in it."""
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +10,7 @@ from matplotlib.ticker import LogLocator
 from ..estimates.intervals import Z95
 from ..studies.identity import camera_words, frames_words
 from ..trade_off.settings import DEFAULT
-from ..trade_off.trade_off import NEGLIGIBLE, Identity, Row, front_of
+from ..trade_off.trade_off import NEGLIGIBLE, Row, front_of
 from . import drawing
 
 _MONTE_CARLO = 0.01  # relative standard error to which seconds are counted
@@ -22,24 +20,15 @@ _MOST_CURVES = 6
 _SESSIONS = 500  # of the default study, marked on the curves
 
 
-def write_figure(rows: Sequence[Row], path: str | os.PathLike) -> Path:
-    """Draw a trade-off as a PNG file, written whole or not at all.
+@drawing.styled
+def draw(rows: Sequence[Row]) -> Figure:
+    """Draw a trade-off, two panels per technique whose knobs were turned.
 
     Left, one point per setting: seconds to a Monte Carlo standard error of 1 % against
     |bias|. Right, total error against seconds for the settings of the front.
 
-    **Arguments:** `rows`: at least one, with flicker in its reference.
-
-    **Returns:** the path.
-
-    **Errors:** `ValueError` if no row can be drawn.
+    **Errors:** `ValueError` without a row that has flicker in its reference.
     """
-    return drawing.save(draw(rows), Path(path), bbox_inches="tight")
-
-
-@drawing.styled
-def draw(rows: Sequence[Row]) -> Figure:
-    """Draw a trade-off, two panels per technique whose knobs were turned."""
     shown = [row for row in rows if row.reference_mtcd > 0 and row.knob != "samples"]
     usual = [row.technique for row in shown if row.knob == DEFAULT]
     techniques = list(dict.fromkeys(usual or [row.technique for row in shown]))
@@ -64,22 +53,22 @@ def draw(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _footer(identity: Identity) -> str:
-    known = vars(identity)
+def _footer(identity: dict[str, str]) -> str:
     return (
-        f"Scene {identity.scene}; camera {camera_words(known)}; {frames_words(known)}. "
+        f"Scene {identity['scene']}; camera {camera_words(identity)}; "
+        f"{frames_words(identity)}. "
         "Reference: texture 4x, float64, homography. Bars: 95 % of the bias. "
-        f"{machine_words(identity)}; hmdjit {identity.hmdjit_version}, model "
-        f"{identity.model_version}, JAX {identity.jax_version}. Time to run; compiling "
-        "and baking apart."
+        f"{machine_words(identity)}; hmdjit {identity['hmdjit_version']}, model "
+        f"{identity['model_version']}, JAX {identity['jax_version']}. Time to run; "
+        "compiling and baking apart."
     )
 
 
-def machine_words(identity: Identity) -> str:
+def machine_words(identity: dict[str, str]) -> str:
     """Say on what a trade-off was timed, and how busy it was."""
     return (
-        f"{identity.device}, {identity.cores} cores ({identity.processor}), load "
-        f"{identity.load:.2g} before"
+        "{device}, {cores} cores ({processor}), load ".format_map(identity)
+        + f"{float(identity['load']):.2g} before"
     )
 
 
@@ -101,14 +90,13 @@ def _look(row: Row, front: Sequence[Row]) -> tuple[str, str, str]:
 
 
 def _plane(axes: Axes, rows: Sequence[Row]) -> None:
-    front = front_of(rows)
+    front, floor = front_of(rows), 100 * NEGLIGIBLE
     for row in rows:
         seconds, bias = _place(row)
         if not np.isfinite(seconds):
             continue
         colour, marker, name = _look(row, front)
         spread = 100 * Z95 * row.bias_se / row.reference_mtcd
-        floor = 100 * NEGLIGIBLE
         is_front = row in front
         drawing.errorbar(
             axes,
@@ -123,15 +111,14 @@ def _plane(axes: Axes, rows: Sequence[Row]) -> None:
             zorder=4 if is_front else 3,
             label=name,
         )
-    places = np.array([_place(row) for row in front])
     if len(front) > 1:
+        places = np.array([_place(row) for row in front])
         axes.step(*places.T, where="post", color=_FRONT, lw=1.6, alpha=0.6, zorder=2)
     axes.set_xlabel("seconds to a Monte Carlo standard error of 1 % of MTCD")
     axes.set_ylabel("|bias| of MTCD, % of the reference")
     _logarithmic(axes)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(min(bottom, 100 * NEGLIGIBLE) / 2, top)
-    floor = 100 * NEGLIGIBLE
+    axes.set_ylim(min(bottom, floor) / 2, top)
     axes.axhline(floor, color=drawing.GREY, lw=0.6, ls=(0, (2, 2)), zorder=1)
     axes.annotate(
         f"{floor:g} % or less",

@@ -5,7 +5,6 @@ are fewer than five subjects.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -15,6 +14,7 @@ from jaxtyping import Float64
 from ..head_motion.process import HeadMotion
 from ..head_motion.trace import Trace
 from . import moments, whittle
+from .moments import Estimate
 from .scoring import Scoring
 from .spectra import Periodograms
 from .whittle import Data, Search
@@ -22,15 +22,6 @@ from .whittle import Data, Search
 _MIN_SUBJECTS = 5
 _LEVEL = 0.95
 _PERSON_SD = 0.2  # where there are too few subjects: the presets have 0.18 to 0.23
-
-
-class Spread(NamedTuple):
-    """A number, its standard error and interval; NaN where it is not identifiable."""
-
-    value: float
-    error: float = np.nan
-    low: float = np.nan
-    high: float = np.nan
 
 
 def estimate(
@@ -58,7 +49,7 @@ def estimate(
     is_identifiable = scoring.identifiable(log_values.size).reshape(log_values.shape)
     speeds = [0, *range(3, len(log_values), 3)]
     cluster = np.arange(len(periodograms.subject))
-    person = Spread(_PERSON_SD)
+    person = Estimate(_PERSON_SD)
     if over_subjects:
         cluster = periodograms.subject
         log_scale = np.asarray(whittle.centred(search, data), float)
@@ -111,7 +102,7 @@ def _log_values(search: Search, data: Data) -> Float64[np.ndarray, "parameters 3
 def person_sd(
     log_scale: Float64[np.ndarray, " subjects"],
     noise: Float64[np.ndarray, " subjects"],
-) -> Spread:
+) -> Estimate:
     """Spread of the subjects' scales, beyond what each is uncertain by.
 
     **Arguments:** `log_scale`: of each subject; `noise`: its variance between windows.
@@ -123,10 +114,10 @@ def person_sd(
     beyond = lambda variance: float(np.sqrt(max(variance - np.mean(noise), 0.0)))
     shares = np.array([(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
     if not beyond(variance):
-        return Spread(0.0)
+        return Estimate(0.0)
     ends = variance * freedom / scipy.stats.chi2.ppf(shares, freedom)
     error = variance / np.sqrt(2 * freedom) / beyond(variance)
-    return Spread(beyond(variance), float(error), *map(beyond, ends))
+    return Estimate(beyond(variance), float(error), *map(beyond, ends))
 
 
 def _in_place(

@@ -31,11 +31,13 @@ _BURST_BLOCK = 360  # frames, far longer than a burst
 _QUADRATURE = 40
 
 
-class Moment(NamedTuple):
-    """A number and its standard error; NaN where it was not fitted, or is an end."""
+class Estimate(NamedTuple):
+    """A number, its standard error and interval; NaN where it is not identifiable."""
 
     value: float
-    error: float
+    error: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
 
 
 def return_time(
@@ -45,7 +47,7 @@ def return_time(
     scale: Mapping[str, float],
     *,
     over_subjects: bool,
-) -> Moment:
+) -> Estimate:
     """Return time, s, whose wander in 10 s is the recorded one; error of its logarithm.
 
     Axes count alike: it is the geometric mean of their mean squares that agrees.
@@ -60,7 +62,7 @@ def return_time(
         owners += [segment.subject] * len(found)
     variances = np.concatenate(blocks)
     if len(variances) < _MIN_BLOCKS:
-        return Moment(DEFAULT_RETURN_TIME_S, np.nan)
+        return Estimate(DEFAULT_RETURN_TIME_S)
     recorded = variances.mean(axis=0)
     influence = np.mean(variances / recorded - 1, axis=1) / len(variances)
 
@@ -73,13 +75,13 @@ def return_time(
     low, high = np.log(RETURN_TIMES_S)
     root, error = _root(excess, (low, high), _spread(influence, groups))
     if not error <= _MAX_LOG_ERROR:
-        return Moment(DEFAULT_RETURN_TIME_S, np.nan)
-    return Moment(float(np.exp(root)), error if low < root < high else np.nan)
+        return Estimate(DEFAULT_RETURN_TIME_S)
+    return Estimate(float(np.exp(root)), error if low < root < high else np.nan)
 
 
 def amplitude(
     segments: Sequence[Trace], head: HeadMotion, rate_hz: float, *, over_subjects: bool
-) -> Moment:
+) -> Estimate:
     """Spread of the amplitude whose mean absolute velocity over RMS was recorded.
 
     Geary's ratio, of each axis and subject by itself, averaged. It tells a Gaussian
@@ -111,9 +113,9 @@ def amplitude(
     low, high = AMPLITUDE_SDS
     spread = _spread(weight * (ratio - recorded), groups)
     if excess(high) - excess(low) <= spread:
-        return Moment(low, np.nan)  # the tracker's noise hides any bursts
+        return Estimate(low)  # the tracker's noise hides any bursts
     root, error = _root(excess, (low, high), spread)
-    return Moment(root, error if low < root < high else np.nan)
+    return Estimate(root, error if low < root < high else np.nan)
 
 
 def geary_pseudo_values(

@@ -56,11 +56,6 @@ class Description(NamedTuple):
     lag_s: Float64[np.ndarray, " lags"]
     structure_deg2: Float64[np.ndarray, "lags 3"]
 
-    @property
-    def speed_median_deg_s(self) -> float:
-        """Median angular speed, deg/s."""
-        return self.speed_quantile(0.5)
-
     def speed_quantile(self, share: float) -> float:
         """Angular speed that is not exceeded in this share of the frames, deg/s."""
         return float(np.interp(share, _SHARES, self.speed_quantile_deg_s))

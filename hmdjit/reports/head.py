@@ -8,14 +8,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
+from .. import _toml
 from ..head_fitting.fitting import Fit
 from ..head_fitting.statistics import SPECTRUM_BINS, WANDER_S, Description, Goodness
-from ..head_motion import Trace, presets
+from ..head_motion import Trace
 from ..head_motion.parameters import AXES
+from . import tables
+from .tables import READY, WORDS
 
 _GAP_FRAMES = 3  # steps of more are gaps, see `Trace.frame_s`
 
@@ -33,8 +34,7 @@ def print_recordings(
     longest_s = max((segment.duration_s for segment in segments), default=0.0)
     subjects = {trace.subject for trace in traces}
     still_subjects = {segment.subject for segment in segments}
-    table = _table("recorded heads", "")
-    for name, value in (
+    rows = (
         ("recordings", f"{len(traces)}"),
         ("subjects", f"{len(subjects)} ({len(still_subjects)} with still segments)"),
         ("frame rate", f"{rate_hz:.2f} Hz"),
@@ -43,34 +43,33 @@ def print_recordings(
         ("still segments", f"{len(segments)}, the longest of {longest_s:.1f} s"),
         ("gaps", f"{len(gaps)} ({gaps.sum() / rate_hz:.1f} s)"),
         ("lost frames, bridged", f"{bridged} of {frames} ({bridged / frames:.2%})"),
-    ):
-        table.add_row(name, value)
-    console.print(table)
+    )
+    console.print(tables.table({"recorded heads": WORDS, "": WORDS}, rows))
 
 
 def print_fit(console: Console, fit: Fit) -> None:
     """Print a fit's numbers with their errors, its order, and what both rest on."""
-    table = _table("number", "axis", "value", "std. error", "95 % interval")
+    columns = dict.fromkeys(("value", "std. error", "95 % interval"), READY)
+    rows: list[tuple[str, ...]] = []
     parts = (fit.head, fit.standard_error, fit.low, fit.high)
-    of_parts = zip(*(_numbers(presets.to_table(part)) for part in parts), strict=True)
+    of_parts = zip(*(_numbers(_toml.table(part)) for part in parts), strict=True)
     for (name, axis, value), *others in of_parts:
         error, low, high = (number for _, _, number in others)
         name, axis = _named(name, axis)
         if not math.isfinite(error):
-            table.add_row(name, axis, f"{value:.4g}", "not identifiable", "")
+            rows.append((name, axis, f"{value:.4g}", "not identifiable", ""))
             continue
         places = max(0, 1 - math.floor(math.log10(error))) if error else 4
         value, error, low, high = (
             f"{number:.{places}f}" for number in (value, error, low, high)
         )
-        table.add_row(name, axis, value, error, f"[{low}, {high}]")
-    console.print(table)
+        rows.append((name, axis, value, error, f"[{low}, {high}]"))
+    console.print(tables.table({"number": WORDS, "axis": WORDS, **columns}, rows))
     console.print(
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
-        "or at a bound of its search.",
-        highlight=False,
+        "or at a bound of its search."
     )
-    console.print(_order(fit), highlight=False)
+    console.print(_order(fit))
 
 
 def _numbers(table: Any, place: str = "", axis: str = "") -> Iterator[tuple]:
@@ -102,10 +101,9 @@ def _order(fit: Fit) -> str:
 
 def print_description(console: Console, recorded: Description) -> None:
     """Print what still heads do."""
-    table = _table("what still heads do", "axis", "recorded")
-    for name, axis, value in _measures(recorded):
-        table.add_row(*_named(name, axis), _short(value))
-    console.print(table)
+    columns = {"what still heads do": WORDS, "axis": WORDS, "recorded": READY}
+    rows = [(*_named(name, axis), _short(x)) for name, axis, x in _measures(recorded)]
+    console.print(tables.table(columns, rows))
 
 
 def print_goodness(
@@ -116,23 +114,22 @@ def print_goodness(
     **Arguments:** `word`: where the heads come from.
     """
     recorded, model = goodness.recorded, goodness.model
-    names = ("what still heads do", "axis", word, "model", "difference")
-    table = _table(*names)
+    columns = {"what still heads do": WORDS, "axis": WORDS}
+    columns |= dict.fromkeys((word, "model", "difference"), READY)
+    rows = []
     pairs = zip(_measures(recorded), _measures(model), strict=True)
     for (name, axis, of_heads), (_, _, of_model) in pairs:
         change = of_model / of_heads - 1 if of_heads else math.nan
         shown = "-" if math.isnan(change) else f"{change:+.1%}"
-        numbers = (_short(of_heads), _short(of_model), shown)
-        table.add_row(*_named(name, axis), *numbers)
-    console.print(table)
+        rows.append((*_named(name, axis), _short(of_heads), _short(of_model), shown))
+    console.print(tables.table(columns, rows))
     errors = zip(AXES, goodness.spectrum_error_db, strict=True)
     low_hz, high_hz = recorded.frequency_hz[[0, -1]]
     console.print(
         "Log-spectral error: "
         + ", ".join(f"{axis} {_short(error_db)} dB" for axis, error_db in errors)
         + f" (RMS over the {len(recorded.frequency_hz)} of {SPECTRUM_BINS} bins that "
-        f"hold a frequency, centred on {low_hz:.2f} to {high_hz:.1f} Hz).",
-        highlight=False,
+        f"hold a frequency, centred on {low_hz:.2f} to {high_hz:.1f} Hz)."
     )
 
 
@@ -145,14 +142,6 @@ def _measures(heads: Description) -> Iterator[tuple[str, str, float]]:
             yield f"wander in {time_s:g} s, deg", axis, value
     for axis, value in zip(AXES, heads.kurtosis, strict=True):
         yield "excess kurtosis of velocity", axis, value
-
-
-def _table(*names: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for place, name in enumerate(names):
-        is_word = place == 0 or name == "axis" or name == ""
-        table.add_column(name, justify="left" if is_word else "right", no_wrap=True)
-    return table
 
 
 def _named(name: str, axis: str) -> tuple[str, str]:

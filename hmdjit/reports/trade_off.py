@@ -66,7 +66,7 @@ def explanation(rows: Sequence[Row]) -> str:
         "session. s to 1 %: running time to a Monte Carlo standard error of 1 %; next "
         "to it, total error in a given time. Compiled two at a time, so compile times "
         "include waiting.",
-        f"{machine_words(identity)}; JAX {identity.jax_version}.",
+        f"{machine_words(identity)}; JAX {identity['jax_version']}.",
     ]
     for row in rows:
         if row.setting == "whole frame" and row.frame_difference_se > 0:

@@ -11,7 +11,6 @@ sessions:
 """
 
 import contextlib
-import dataclasses
 import math
 import os
 import platform
@@ -26,13 +25,14 @@ from ..studies.identity import attributes
 from ..studies.progress import Progress, Tell
 from ..studies.study import Study, check_seed
 from .bench import Bench
-from .settings import REFERENCE, Case, Setting
-from .trade_off import Identity, Row
+from .settings import REFERENCE, Case
+from .trade_off import IDENTITY, Row
 
 _AT_ONCE = 4  # programs compiled before they are timed
 
 
 class _Measured(NamedTuple):
+    case: Case
     result: Result
     seconds: float
     compile_s: float
@@ -67,7 +67,7 @@ def measure(
         raise ValueError(f"scenes must be one, got {len(study.scenes)}.")
     bench = Bench(study, seed, sessions)
     identity = _identity(study, seed, study_options)
-    found: dict[tuple[Setting, str], _Measured] = {}
+    found: dict[tuple[str, str], _Measured] = {}  # by setting and technique
     for first in range(0, len(cases), _AT_ONCE):
         chunk = cases[first : first + _AT_ONCE]
         bench.forget_textures_but({case.setting.texture() for case in cases[first:]})
@@ -83,24 +83,20 @@ def measure(
             progress(Progress(done, len(cases), doing))
             result, seconds = bench.timed(program)
             compile_s = max(0.0, first_s - seconds)
-            measured = _Measured(result, seconds, compile_s, bench.bake_s(case.setting))
-            found[case.setting, case.technique.id] = measured
-            yield _row(study, case, measured, found, identity)
+            bake_s = bench.bake_s(case.setting)
+            measured = _Measured(case, result, seconds, compile_s, bake_s)
+            found[case.setting.name, case.technique.id] = measured
+            yield _row(study, measured, found, identity)
 
 
 def _row(
     study: Study,
-    case: Case,
     measured: _Measured,
-    found: dict[tuple[Setting, str], _Measured],
-    identity: Identity,
+    found: dict[tuple[str, str], _Measured],
+    identity: dict[str, str],
 ) -> Row:
-    setting, result = case.setting, measured.result
-    reference = next(
-        one
-        for (held, technique), one in found.items()
-        if held.name == REFERENCE and technique == case.compared.id
-    )
+    case, result = measured.case, measured.result
+    setting, reference = case.setting, found[REFERENCE, case.compared.id]
     count = len(result.mtcd)
     frame = _differences(result, reference.result)
     bias, bias_by = frame, "frame mean"
@@ -108,10 +104,13 @@ def _row(
         if setting.measure == study.measure:
             bias_by = "same pixels"
         else:
-            twin = _twin(study, case, found)
-            if twin is not None:
-                bias = _differences(twin.result, reference.result)
-                bias_by = "same pixels, other tiles"
+            # The same fidelity on the study's own blocks, if that was measured.
+            alike = setting.fidelity(), study.measure, case.technique
+            for twin in found.values():
+                held = twin.case.setting
+                if (held.fidelity(), held.measure, twin.case.technique) == alike:
+                    bias = _differences(twin.result, reference.result)
+                    bias_by = "same pixels, other tiles"
     return Row(
         setting=setting.name,
         knob=setting.knob,
@@ -141,17 +140,6 @@ def _row(
     )
 
 
-def _twin(
-    study: Study, case: Case, found: dict[tuple[Setting, str], _Measured]
-) -> _Measured | None:
-    """Find the same fidelity on the study's own blocks, if that was measured."""
-    for (setting, technique), one in found.items():
-        theirs = setting.fidelity(), setting.measure, technique
-        if theirs == (case.setting.fidelity(), study.measure, case.technique.id):
-            return one
-    return None
-
-
 def _differences(result: Result, reference: Result) -> list[tuple[float, float]]:
     """Mean paired difference of MTCD and detail loss, and its standard error."""
     pairs = ((result.mtcd, reference.mtcd), (result.detail_loss, reference.detail_loss))
@@ -164,17 +152,15 @@ def _differences(result: Result, reference: Result) -> list[tuple[float, float]]
     return found
 
 
-def _identity(study: Study, seed: int, study_options: str) -> Identity:
-    known = attributes(study, seed)
-    names = {field.name for field in dataclasses.fields(Identity)}
-    return Identity(
-        scene=next(iter(study.scenes)),
-        study_options=study_options,
-        processor=_processor(),
-        cores=os.cpu_count() or 1,
-        load=os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
-        **{name: known[name] for name in names & known.keys()},
-    )
+def _identity(study: Study, seed: int, study_options: str) -> dict[str, str]:
+    known = attributes(study, seed) | {
+        "scene": next(iter(study.scenes)),
+        "study_options": study_options,
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
+    }
+    return {name: str(known[name]) for name in IDENTITY}
 
 
 def _processor() -> str:

@@ -8,7 +8,7 @@ import csv
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,35 +18,15 @@ from jaxtyping import Bool, Float
 from .. import _files
 from ..estimates.intervals import Z95
 
-
-@dataclasses.dataclass(frozen=True)
-class Identity:
-    """What the rows of one trade-off rest on.
-
-    `study_options` are those of `hmdjit study`, apart from the setting's own; `load` is
-    the machine's load average when it was measured: above 0, something else ran.
-    """
-
-    scene: str
-    head: str
-    width_px: int
-    height_px: int
-    fov_deg: float
-    refresh_hz: float
-    frames: int
-    warmup: int
-    seed: int
-    study_options: str
-    device: str
-    machine: str
-    processor: str
-    cores: int
-    load: float
-    hmdjit_version: str
-    model_version: str
-    jax_version: str
-    numpy_version: str
-    python_version: str
+_COLUMNS = (
+    "scene head width_px height_px fov_deg refresh_hz frames warmup seed study_options "
+    "device machine processor cores load hmdjit_version model_version jax_version "
+    "numpy_version python_version"
+)
+IDENTITY = tuple(_COLUMNS.split())
+"""What the rows of one trade-off rest on: columns of their file. `study_options` are
+those of `hmdjit study`, apart from the setting's own; `load` is the machine's load
+average when measuring began: above 0, something else ran."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +35,8 @@ class Row:
 
     MTCD in code values of 8 bits, detail loss in their square; standard deviations are
     over sessions. `bias` is this setting's mean minus the reference's, `bias_by` how
-    it was measured, `reference_mtcd` the reference's mean.
+    it was measured, `reference_mtcd` the reference's mean. `identity` holds the columns
+    of `IDENTITY`, as text.
     """
 
     setting: str
@@ -82,12 +63,7 @@ class Row:
     is_other_device: bool
     setting_options: str
     python_fields: str
-    identity: Identity
-
-    @property
-    def mtcd_se(self) -> float:
-        """Monte Carlo standard error of the mean at the measured sessions."""
-        return self.mtcd_sd / math.sqrt(self.sessions)
+    identity: dict[str, str]
 
     @property
     def bias_bound(self) -> float:
@@ -156,13 +132,9 @@ def front_of(rows: Sequence[Row], monte_carlo: float = 0.01) -> list[Row]:
 
 
 _READ: dict[Any, Callable[[str], Any]] = {
-    str: str,
-    int: int,
-    float: float,
-    bool: lambda text: {"True": True, "False": False}[text],
+    **{kind: kind for kind in (str, int, float)},
+    bool: {"True": True, "False": False}.__getitem__,
 }
-_OWN = [field for field in dataclasses.fields(Row) if field.name != "identity"]
-_SHARED = dataclasses.fields(Identity)
 
 
 def write_csv(rows: Sequence[Row], path: str | os.PathLike) -> Path:
@@ -175,27 +147,18 @@ def read_csv(path: str | os.PathLike) -> list[Row]:
 
     **Errors:** `ValueError` naming the file: missing, or not written by `write_csv`.
     """
+    *own, _ = dataclasses.fields(Row)
+    rows = []
     try:
         with open(path, newline="", encoding="utf-8") as file:
-            lines = list(csv.DictReader(file))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(
-            f"{path}: not a table of `hmdjit trade-off`: {error}."
-        ) from None
+            for line in csv.DictReader(file):
+                values = {f.name: _READ[f.type](line[f.name]) for f in own}
+                rows.append(Row(**values, identity={n: line[n] for n in IDENTITY}))
     except FileNotFoundError:
         raise ValueError(
             f"{path}: no such file: run `hmdjit trade-off` first."
         ) from None
-
-    def values(fields: Iterable[dataclasses.Field], line: dict[str, str]) -> dict:
-        return {field.name: _READ[field.type](line[field.name]) for field in fields}
-
-    try:
-        rows = [
-            Row(**values(_OWN, line), identity=Identity(**values(_SHARED, line)))
-            for line in lines
-        ]
-    except (KeyError, TypeError, ValueError) as error:
+    except (csv.Error, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"{path}: not a table of `hmdjit trade-off`: {error}."
         ) from None
