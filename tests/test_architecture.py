@@ -75,8 +75,8 @@ FOLDERS = {
         ("registry",),
     ],
     "simulation": [
-        ("blocks", "sharding", "halo", "apply"),
-        ("views",),
+        ("blocks", "sharding", "apply"),
+        ("halo", "views"),
         ("session",),
         ("simulate",),
     ],

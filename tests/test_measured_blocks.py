@@ -212,8 +212,8 @@ def test_more_tiles_than_cells_are_refused():
 
 
 def test_unmoved_and_linear_histories_ask_for_wider_halos():
-    camera = hj.Camera(96, 96, fov_deg=2.0)
-    swing = np.where(np.arange(20) % 2, 1e-3, -1e-3)[:, None] * np.array([1.0, 1.0, 0])
+    camera = hj.Camera(96, 96, fov_deg=0.8)
+    swing = np.where(np.arange(20) % 2, 4e-4, -4e-4)[:, None] * np.array([1.0, 1.0, 0])
     motion = hj.Motion(jnp.cumsum(jnp.asarray(swing), axis=0), jnp.asarray(swing))
     kim = hj.techniques.HeadMovement
     halos = [

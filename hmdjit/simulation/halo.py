@@ -16,6 +16,7 @@ from ..frames.motion import Motion
 from ..frames.sources import recorded_reads
 from ..techniques.base import AbstractTechnique
 from ..techniques.check import blank_frame, stencil_radius_px
+from . import blocks
 
 HALO_TOLERANCE = 1e-5
 """What a halo's outer edge does may reach measured pixels with less than this."""
@@ -174,8 +175,9 @@ def _spans(
             technique.step(state, frame, Motion(increment, increment))
         unmoved = jnp.zeros((2, 2), dtype)
         found = [unmoved if read is None else read.span() for read in reads]
-        # What is kept and not read through `at` stays where it is.
-        found += [unmoved] if jax.tree.leaves(state) else []
+        # What is kept otherwise stays where it is.
+        if not blocks.is_cuttable(state) or (jax.tree.leaves(state) and not found):
+            found.append(unmoved)
         return jnp.stack(found) if found else jnp.zeros((0, 2, 2), dtype)
 
     over_frames = jax.vmap(span, (0, None))
