@@ -282,15 +282,22 @@ def test_regions_of_any_shape_are_the_same_in_blocks(rng, texture, region, is_in
     check_the_same(by(SLICES, (6, 8)), by(GATHER))
 
 
+@pytest.mark.slow
+def test_of_blocks_as_large_as_what_is_measured_one_counts(rng, texture):
+    technique, motion = TECHNIQUES["head_movement"], motions(rng)
+    region, part = Region(8, 0, 24, 24), Region(16, 8, 8, 8)
+    by = functools.partial(
+        measured, technique, texture, motion, region=region, part=part
+    )
+    check_the_same(by(SLICES, (8, 8)), by(GATHER))
+
+
 class Nameless(AbstractTechnique):
     """Made to keep something, or to read around."""
 
     @property
     def id(self):
         return "nameless"
-
-    def history_reach(self, speed_deg_s, span_px):
-        return None
 
 
 class Fading(Nameless):

@@ -11,6 +11,7 @@ import small
 
 import hmdjit as hj
 from hmdjit.frames.sources import History
+from hmdjit.sample_patterns import ordered_grid
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.techniques import HeadMovement, NoAntialiasing, check
 
@@ -154,6 +155,28 @@ def test_a_stencil_is_found(radius):
 
     assert stencil_radius_px(Blur(radius)) == radius
     assert stencil_radius_px(Average()) == 0
+
+
+class Jittered(NoAntialiasing):
+    """Shows each of four places of a pixel in turn."""
+
+    @property
+    def id(self):
+        return "jittered"
+
+    @property
+    def sample_offsets_px(self):
+        return ordered_grid(2)[:, None]
+
+
+@pytest.mark.slow
+def test_samples_over_time_and_within_a_frame_are_not_taken_for_each_other():
+    techniques = (Jittered(), hj.techniques.SSAA(2))  # tables of the same numbers
+    together = small.study(techniques=techniques, baseline="jittered").run(0)
+    for technique in techniques:
+        alone = small.study(techniques=[technique], baseline=technique.id).run(0)
+        ours = together["mtcd"].sel(technique=[technique.id])
+        np.testing.assert_allclose(ours, alone["mtcd"], rtol=1e-6)
 
 
 def test_a_technique_that_needs_more_than_a_scene_gives_is_refused():
