@@ -378,7 +378,7 @@ def test_a_known_curve_is_recovered_from_its_sessions():
     assert found.why == search.CONVERGED
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_intervals_of_recovered_numbers_cover():
     """Of 200 intervals that cover with 95 %, fewer than 180 cover once in 500 times.
 
@@ -436,7 +436,7 @@ def _seen_of(technique):
     return space, view, _values(space, at, view)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", _CURVES)
 def test_curves_at_their_bounds_are_recovered_within_them(case, rng):
     space, view, exact = _seen_of(_CURVES[case])

@@ -54,14 +54,14 @@ def test_bounds_hold_in_the_quick_form_of_a_few():
         assert row.holds, row
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_all_bounds_hold():
     found = engine.measure(ROWS)
     assert not [row for row in found if not row.holds]
     assert {row.dtype for row in found} == {"float32", "float64"}
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", [1, 3, 7])
 def test_bounds_hold_with_other_seeds(seed):
     # In 80 digits the oracle lost its own, of rare inputs in float64: by `1 - cos` of

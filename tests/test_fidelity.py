@@ -82,7 +82,7 @@ def _baked(texture, technique, motion, region):
     return result.mtcd
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_bias_of_the_texture_is_as_stated():
     for name, scene in hj.scenes.study_set().items():
         found = biases(scene)

@@ -241,7 +241,7 @@ def _drawn(change, subjects, seconds):
     return traces_of(head, jax.random.key(5), subjects, seconds)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("subjects", "seconds"), [(6, 16.0), (1, 60.0)])
 @pytest.mark.parametrize("case", _BEYOND)
 def test_heads_at_and_beyond_the_bounds_are_fitted_within_them(case, subjects, seconds):
@@ -259,7 +259,7 @@ def test_heads_at_and_beyond_the_bounds_are_fitted_within_them(case, subjects, s
     assert known.any() or "noise beyond" in case
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_order_of_a_tracker_alone_is_chosen_among_fits_at_their_bounds():
     traces = _drawn({"speed": 0.0}, 6, 16.0)
     found = fitting.fit_heads(traces, max_speed_deg_s=1e6)

@@ -176,7 +176,7 @@ def test_lost_frames_do_not_change_what_is_fitted(key):
         assert np.all(error < at_most * whole_error)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("head", "order"), [(WANDER, 0), (RESONANT, 1)])
 def test_held_out_people_choose_the_order(head, order):
     # Some 1 in 6 would choose one order too many, were it chosen by the minimum.
@@ -186,7 +186,7 @@ def test_held_out_people_choose_the_order(head, order):
     assert set(found.held_out_deviance) == {0, 1, 2}
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_intervals_cover_the_truth():
     # With twenty subjects sandwich errors are a little small: measured, 177 to 194 of
     # 200 intervals at 95 % cover, 188 on average, 19 of 21 numbers at least 180. Of 200

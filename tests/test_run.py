@@ -162,7 +162,7 @@ def test_tiles_crop_and_whole_frame_measure_the_same_kind_of_thing():
     assert means[Tiles] == pytest.approx(means[WholeFrame], rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_tile_means_agree_with_whole_frames():
     """Unbiased: the same sessions by tiles and by whole frames, on three scenes."""
     camera = hj.Camera(256, 256, fov_deg=80.0)  # fast at its sides, slow in its centre

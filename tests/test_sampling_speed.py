@@ -14,7 +14,7 @@ MODEL_A = HeadMotion((1.1, 0.9, 0.9), (0.1, 0.12, 0.03), (0.004,) * 3)
 MODELS = {"A": (MODEL_A, 9), "B": (HeadMotion.fixating(), 22)}
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", MODELS)
 def test_a_path_takes_little_longer_than_its_random_numbers(name):
     head, numbers = MODELS[name]

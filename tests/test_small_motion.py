@@ -132,7 +132,7 @@ def check_small_motion(rng, sessions, laws, shares, warmups, rms_px=0.1):
                 assert abs(ratio - expected) < 0.02 * expected + 2 * error
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_small_motion_is_filtered_as_predicted(rng):
     # With the warm-up that studies use.
     check_small_motion(rng, 300, ["position white", "ou 0.8"], [0.1, 0.3], [12])

@@ -511,7 +511,7 @@ def test_wrong_arguments_are_named():
 # --- as a control variate ---
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_how_well_sessions_are_predicted_and_how_fast():
     pytest.importorskip("skimage")
     camera, count, warmup = hj.Camera(), 200, 12

@@ -68,7 +68,7 @@ class Controls:
             )
             for model in self.models
         ]
-        return np.stack(found)
+        return np.stack(found) if found else np.zeros((0, *origins.shape[:2]))
 
 
 def _predict(shared: tuple, mine: tuple, *, warmup: int) -> Float[Array, " blocks"]:
