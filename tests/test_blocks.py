@@ -356,7 +356,7 @@ def test_a_filter_is_in_the_programs_of_those_who_read_through_it(rng, texture):
     def program(name, **filters):
         reading = Reading("slices", **filters)
         run = functools.partial(session.session, warmup=1, reading=reading)
-        arguments = (texture, CAMERA, TECHNIQUES[name], motion, WHOLE, INNER)
+        arguments = (texture, CAMERA, (TECHNIQUES[name],), motion, WHOLE, INNER)
         return str(jax.make_jaxpr(run)(*arguments))
 
     none, kim = program("none"), program("head_movement")
