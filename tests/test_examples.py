@@ -97,8 +97,14 @@ def test_a_page_names_its_command_and_has_whole_tables(name):
         assert len({len(row) for row in _cells(table)}) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PAGES)
+LONG = {"heads", "fitted_curves"}  # minutes, in their smallest form
+MARKED = [
+    pytest.param(n, marks=[pytest.mark.exhaustive if n in LONG else pytest.mark.slow])
+    for n in PAGES
+]
+
+
+@pytest.mark.parametrize("name", MARKED)
 def test_a_page_has_the_form_that_its_command_writes(name, inputs, tmp_path):
     out = tmp_path / f"{name}.md"
     options = [option.format_map(inputs) for option in PAGES[name]]

@@ -138,6 +138,6 @@ def test_small_motion_is_filtered_as_predicted(rng):
     check_small_motion(rng, 300, ["position white", "ou 0.8"], [0.1, 0.3], [12])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_small_motion_agrees_with_the_table(rng):
     check_small_motion(rng, 4000, SMALL_MOTION, SHARES, [0, LONG_WARMUP])
