@@ -68,7 +68,7 @@ WEIGHT = uniform("0 to 1", 0.0, 1.0, 1e-30, 1e-8, 1 - 1e-6, high=1)
 CLOSENESS = uniform("d 0 to 1", 0.0, 1.0, 2 / 3, 1e-6, high=1)
 _FRACTIONS = (0.0, 1.0, 0.5, 1 / 3, 1e-6, 1 - 1e-6, -1.0, 2.0)
 FRACTION = uniform("fraction -1 to 2", *_FRACTIONS, high=1)
-EXPONENT = logarithmic("exponent 0.5 to 100", 0.5, 1, 2, 100, low=0.5, high=100)
+EXPONENT = logarithmic("exponent 0.5 to 100", 0.5, 1.0, 2.0, 100.0, low=0.5, high=100)
 RATE = uniform("1 to 10,000 Hz", *RATES_HZ)
 BASE = Argument("bases 2, 3, 5", lambda rng, dtype, n: (2, 3, 5)[n % 3])
 INDEX = Argument(
