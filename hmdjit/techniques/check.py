@@ -183,11 +183,9 @@ def _check_hints(technique: AbstractTechnique) -> None:
     if alike is technique and not technique.reads_supersampled:
         return
     tables = technique.sample_offsets_px, alike.sample_offsets_px
-    # Ours show a surface once per pixel, so that on pictures samples count alike.
-    is_coverage = _is_trusted(technique) and not np.array_equal(*tables)
-    if is_coverage:
-        return
     if not np.array_equal(*tables):
+        if _is_trusted(technique):  # MSAA shows a surface once per pixel
+            return
         raise ValueError(
             f"on_pictures of {name} must read the same samples, got {alike.id}."
         )
