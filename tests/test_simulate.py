@@ -82,9 +82,6 @@ class Counting(AbstractTechnique):
     def init(self, frame):
         return jnp.zeros((), jnp.int32)
 
-    def history_reach(self, speed_deg_s, span_px):
-        return None
-
     def step(self, state, frame, motion):
         TRACED.append(frame)
         picture = jnp.ones_like(frame.color[0]) * self.levels[state]

@@ -256,7 +256,7 @@ def _moved(slope_squared: Any, finest_px: Any, displacement: Any) -> Any:
 # dB: a logarithm of up to 32 and its factor of 10 are rounded, and their sum.
 _DECIBELS = {"float32": Bound(1e-4, 8), "float64": Bound(2e-13, 8)}
 _EACH_FRAME = {"float64": Bound(10_000 * 2.0**-53)}
-_STREAMED = "metrics.mtcd.StreamedMtcd"
+_STREAMED = "metrics.base.Streamed"
 _MOVED = "theory.picture_statistics.PictureStatistics.difference"
 _mse = lambda test, real: [mp.fsum((test - real).ravel(), squared=True) / test.size]
 _psnr = lambda *two: _decibels(mpf(255) ** 2, _mse(*two)[0])
