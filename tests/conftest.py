@@ -1,4 +1,5 @@
 import functools
+import gc
 import os
 import shutil
 import tempfile
@@ -34,6 +35,17 @@ def pytest_configure(config):
     for name, usual in CACHED.items():
         value = type(usual)(os.environ.setdefault(name, str(usual)))
         jax.config.update(name.lower(), value)
+    if "not slow" in config.option.markexpr:
+        # Optimising a program takes longer than all the rest of a quick test; commands
+        # that tests run read the variable.
+        os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        jax.config.update("jax_disable_most_optimizations", True)
+
+
+def pytest_collection_finish():
+    """What is imported stays: no need to look through it for garbage again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="module")
