@@ -202,3 +202,19 @@ def test_what_is_no_scene_is_refused(thing, got):
         check_scene(thing, CAMERA)
     with pytest.raises(ValueError, match=f"^scene 'room' must be .*, got {got}"):
         check_scene(thing, CAMERA, "room")
+
+
+class Painted(scenes.AbstractFlatScene):
+    grey: float
+    name: str = eqx.field(static=True)
+
+    def __init__(self, percent):
+        self.grey, self.name = percent / 100, f"{percent} %"
+
+    def plane_color(self, camera, x, y):
+        return jnp.full((3, *x.shape), self.grey)
+
+
+def test_a_scene_may_have_its_own_init():
+    texture = scenes.bake(Painted(50), CAMERA, oversampling=1)
+    assert (texture.color == 0.5).all()

@@ -230,12 +230,14 @@ def test_a_jpeg_is_read(tmp_path):
     np.testing.assert_allclose(pictures.read_picture(path) * 255, 130, atol=1.01)
 
 
-def test_a_photograph_is_turned_upright(tmp_path, picture):
+@pytest.mark.parametrize("name", ["turned.png", "turned.tif", "grey.tif", "deep.tif"])
+def test_a_photograph_is_turned_upright(tmp_path, picture, name):
     exif = Image.Exif()
     exif[0x0112] = 6  # the camera was held turned: row 0 is the right side
-    path = saved(tmp_path, picture, exif=exif)
-    frame = pictures.read_picture(path) * 255
-    np.testing.assert_allclose(frame, np.rot90(picture, -1), atol=1e-4)
+    stored = picture if name.startswith("turned") else picture[..., 0]
+    stored = 257 * stored.astype(np.uint16) if name == "deep.tif" else stored
+    frame = pictures.read_picture(saved(tmp_path, stored, name, exif=exif)) * 255
+    np.testing.assert_allclose(frame[..., 0], np.rot90(picture, -1)[..., 0], atol=1e-4)
 
 
 @pytest.mark.parametrize("orientation", [1, 6])

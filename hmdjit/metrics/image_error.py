@@ -100,7 +100,7 @@ def psnr(test: ArrayLike, reference: ArrayLike, *, peak: float | None = None) ->
         is_code = dtype in (jnp.uint8, jnp.uint16)
         peak = float(jnp.iinfo(dtype).max) if is_code else PEAK
         is_known = is_code or _checks.is_traced(error) or error == 0
-        largest = 255 if is_known else max(np.max(test), np.max(reference))
+        largest = 255 if is_known else float(max(np.max(test), np.max(reference)))
         if largest <= 1 or largest > peak:
             raise ValueError(
                 f"peak must be named for values up to {largest:g}: "

@@ -1,6 +1,5 @@
 """Baking: a scene seen from the hold pose, as one texture."""
 
-import dataclasses
 import functools
 import math
 
@@ -13,7 +12,7 @@ from ..camera import Camera
 from ..frames import resampling
 from ..frames.resampling import Texels
 from ..frames.sources import Texture
-from .base import AbstractScene, Colors, check_scene
+from .base import AbstractScene, Colors, check_scene, nameless
 
 _SAMPLES = 4  # per display pixel and axis, in the SSAA(4) reference
 
@@ -53,11 +52,9 @@ def bake(
     """
     margin_px = check_baking(camera, oversampling, margin_deg)
     check_scene(scene, camera)
-    # The name is part of the program's identity: without it, scenes share a program.
-    nameless = dataclasses.replace(scene, name="")
     # Positions have too many digits for a shorter dtype than float32.
     painted_dtype = jnp.dtype(jnp.float32 if jnp.dtype(dtype).itemsize < 4 else dtype)
-    painted = _paint(nameless, camera, oversampling, margin_px, painted_dtype)
+    painted = _paint(nameless(scene), camera, oversampling, margin_px, painted_dtype)
     _checks.colors(f"colours of scene {scene.name!r}", painted[0])
     colors, supersampled = (texels.astype(dtype) for texels in painted)
     return Texture(colors, supersampled, margin_px)

@@ -8,6 +8,7 @@ degree is pi / 180 tangent units (8.05 px with the default camera).
 """
 
 import abc
+import copy
 import dataclasses
 from typing import Any
 
@@ -73,6 +74,14 @@ class AbstractFlatScene(AbstractScene):
         return jnp.where(in_front[None], colors, jnp.nan)
 
 
+def nameless(scene: AbstractScene) -> AbstractScene:
+    """Copy a scene without its name, so that those of one class share a program."""
+    copied = copy.copy(scene)
+    if any(field.name == "name" for field in dataclasses.fields(scene)):
+        object.__setattr__(copied, "name", "")  # as its own `__init__` may not do
+    return copied
+
+
 def check_scene(scene: Any, camera: Camera, name: str = "") -> None:
     """Raise unless a scene is one, and gives colours of the shape that it must.
 
@@ -99,8 +108,7 @@ def check_scene(scene: Any, camera: Camera, name: str = "") -> None:
     )
     direction = jax.ShapeDtypeStruct((3, 2, 5), jnp.result_type(float))
     try:
-        nameless = dataclasses.replace(scene, name="")
-        color, own = _returned.eval_shape(nameless, camera, direction)
+        color, own = _returned.eval_shape(nameless(scene), camera, direction)
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0]
         raise ValueError(f"{must}, got {type(error).__name__}: {reason}") from error

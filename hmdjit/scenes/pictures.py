@@ -213,9 +213,10 @@ def _read_codes(
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file.")
     try:
-        # Pillow warns of damaged metadata, and of half the size that it refuses.
-        with warnings.catch_warnings(action="ignore"), PIL.Image.open(path) as image:
-            return _decoded(image, opaque)
+        # Pillow warns of damaged metadata, and of half the size that it refuses. Of a
+        # path it would map the file, and misread a turned TIFF.
+        with warnings.catch_warnings(action="ignore"), open(path, "rb") as file:
+            return _decoded(PIL.Image.open(file), opaque)
     except PermissionError:
         raise
     except _Refused as error:
