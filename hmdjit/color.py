@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from . import _checks
 from ._types import Numbers, Plane, Rgb
 
 CODE_VALUES = 255.0
@@ -24,6 +25,7 @@ def encode(linear: Numbers) -> Numbers:
 
     **Source:** IEC 61966-2-1:1999, equation 6.
     """
+    _checks.floating("linear", linear)
     is_line = linear <= 0.0031308
     # x^(1/2.4) has an infinite slope at 0: keep 0 out of the branch that is not taken.
     safe = jnp.where(is_line, 1.0, linear)
@@ -37,6 +39,7 @@ def decode(gamma: Numbers) -> Numbers:
 
     **Source:** IEC 61966-2-1:1999, equation 7.
     """
+    _checks.floating("gamma", gamma)
     is_line = gamma <= 0.04045
     safe = jnp.where(is_line, 1.0, gamma)
     curve = _power((safe + 0.055) / 1.055, 2.4)
@@ -59,6 +62,7 @@ def luma(rgb: Float[Array, "rgb=3 *size"]) -> Float[Array, " *size"]:
 
 def squared_distance(one: Rgb, other: Rgb) -> Plane:
     """Squared Euclidean distance of each pixel's colours, `(height, width)`."""
+    _checks.floating("colours", one)
     # Written out: XLA would sum over an axis of three many times as slowly.
     red, green, blue = one - other
     return red**2 + green**2 + blue**2

@@ -110,3 +110,9 @@ def test_slopes_agree_with_differences():
         there = lambda x, f=curve: np.asarray(f(jnp.asarray(x)))
         differences = (there(points + 1e-6) - there(points - 1e-6)) / 2e-6
         np.testing.assert_allclose(slope(jnp.asarray(points)), differences, rtol=1e-6)
+
+
+@pytest.mark.parametrize("function", [color.encode, color.decode])
+def test_codes_are_no_colours(function):
+    with pytest.raises(ValueError, match="must be floating, got uint8"):
+        function(jnp.zeros((3, 2, 2), jnp.uint8))

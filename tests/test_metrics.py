@@ -108,6 +108,60 @@ def test_mtcd_of_one_picture_is_refused(rng):
         metrics.mtcd(jnp.asarray(rng.random((1, *SIZE[1:]))))
 
 
+def test_mtcd_of_codes_is_that_of_their_colours():
+    # In uint8 the square of a step of 16 is 256, and wraps around to 0.
+    steps = 16 * np.mgrid[0:4, 0:6, 0:5, 0:3][0]
+    for kind, scale in ((np.uint8, 1), (np.uint16, 257)):
+        clip = (scale * steps).astype(kind)
+        streamed = metrics.Streamed(metrics.MTCD())
+        for picture in clip:
+            streamed.add(picture)
+        for value in (metrics.mtcd(clip), jax.jit(metrics.mtcd)(clip), streamed.value):
+            assert value == pytest.approx(16 * np.sqrt(3), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", [jnp.float16, jnp.bfloat16])
+def test_mtcd_of_half_floats_is_summed_in_single(kind):
+    # 900 pixels are more than a bfloat16 counts.
+    clip = jnp.zeros((2, 30, 30, 3), kind).at[1].set(0.5)
+    value = metrics.mtcd(clip)
+    assert value.dtype == jnp.float32
+    assert value == pytest.approx(127.5 * np.sqrt(3), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        (lambda x: 255 * x, r"lie in \[0, 1\], got float64 from 0 to 255"),
+        (lambda x: 2 * x - 1, r"lie in \[0, 1\], got float64 from -1 to 1"),
+        (lambda x: (255 * x).astype(np.int64), r"uint8, uint16 or .*, got int64"),
+        (lambda x: x > 0.5, r"uint8, uint16 or .*, got bool"),
+        (lambda x: x[..., :2], r"shape \(.*3\), got \(.*2\)"),
+        (lambda x: np.concatenate([x, x[..., :1]], -1), r"shape .*, got \(.*4\)"),
+    ],
+)
+def test_what_are_no_colours_is_refused_by_mtcd(scale, message):
+    clip = scale(np.linspace(0, 1, 2 * 6 * 5 * 3).reshape(2, 6, 5, 3))
+    with pytest.raises(ValueError, match=f"^clip must .*{message}"):
+        metrics.mtcd(clip)
+    with pytest.raises(ValueError, match=r"^picture must "):
+        metrics.Streamed(metrics.MTCD()).add(np.concatenate(clip))
+
+
+def test_a_streamed_clip_keeps_its_size_and_has_its_references(rng):
+    picture = rng.random((6, 5, 3))
+    streamed = metrics.Streamed(metrics.MTCD())
+    streamed.add(picture)
+    with pytest.raises(ValueError, match=r"shape \(6, 5, 3\), got \(1, 5, 3\)"):
+        streamed.add(picture[:1])  # would have been repeated for each row
+    streamed = metrics.Streamed(metrics.DetailLoss())
+    with pytest.raises(ValueError, match="detail_loss needs a reference"):
+        streamed.add(picture)
+    codes = np.uint8(np.round(255 * picture))
+    streamed.add(codes, codes / 255)
+    assert streamed.value == pytest.approx(0, abs=1e-20)
+
+
 # --- errors of pictures ---
 
 
@@ -159,7 +213,54 @@ def test_ratios_of_black_and_of_the_smallest_errors_are_right():
     # 255^2 over an error of 1e-34 is more than float32 holds.
     tiny = np.float32(1e-17)
     expected = 20 * np.log10(255 / 1e-17)
-    assert metrics.psnr(black + tiny, black) == pytest.approx(expected, rel=1e-6)
+    assert metrics.psnr(black + tiny, black, peak=255.0) == pytest.approx(
+        expected, rel=1e-6
+    )
+
+
+MEASURES = ["mse", "rmsd", "psnr", "snr"]
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.int64, jnp.float16])
+@pytest.mark.parametrize("name", MEASURES)
+def test_codes_do_not_wrap_around_or_overflow(name, kind):
+    # 16^2 = 256 is 0 in uint8, and so is 240^2; 255^2 is beyond float16's 65,504.
+    test = np.resize([16, 0, 255], (2, 3, 3))
+    reference = np.resize([0, 240, 0], (2, 3, 3))
+    measure = getattr(metrics, name)
+    found = measure(test.astype(kind), reference.astype(kind))
+    expected = measure(test.astype(float), reference.astype(float))
+    assert found == pytest.approx(float(expected), rel=1e-5)
+    assert metrics.mse(test, reference) == pytest.approx((16**2 + 240**2 + 255**2) / 3)
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_two_scales_or_shapes_are_refused(name, rng):
+    measure, picture = getattr(metrics, name), rng.random((6, 5, 3))
+    codes = np.uint8(255 * picture)
+    for test, reference in [(codes, picture), (codes.astype(np.uint16), codes)]:
+        with pytest.raises(ValueError, match=r"both be floating, .* scales differ"):
+            measure(test, reference)
+    with pytest.raises(ValueError, match=r"both be floating, .* Got bool and bool"):
+        measure(picture > 0.5, picture > 0.5)
+    with pytest.raises(ValueError, match=r"one shape, got \(6, 5, 3\) and \(5, 3\)"):
+        measure(picture, picture[0])
+
+
+def test_the_peak_of_psnr_is_that_of_the_scale(rng):
+    codes = rng.integers(0, 256, (2, 6, 5, 3), dtype=np.uint8)
+    expected = metrics.psnr(*codes)
+    assert expected == pytest.approx(
+        10 * np.log10(255**2 / oracles.mse(*codes.astype(float)))
+    )
+    deep = 257 * codes.astype(np.uint16)
+    assert metrics.psnr(*deep) == pytest.approx(float(expected))
+    assert metrics.psnr(*(codes / 255), peak=1.0) == pytest.approx(float(expected))
+    for scale in (1 / 255, 2.0):
+        with pytest.raises(ValueError, match="peak must be named for values up to"):
+            metrics.psnr(*(scale * codes))
+    with pytest.raises(ValueError, match=r"peak must lie in \(0, inf\), got 0"):
+        metrics.psnr(*codes, peak=0.0)
 
 
 # --- published values ---

@@ -174,6 +174,32 @@ def test_a_frame_holds_colour_and_nothing_else(noise):
     np.testing.assert_array_equal(one_read.color[0], reference)
 
 
+def test_a_texture_of_codes_is_that_of_their_colours(rng):
+    codes = rng.integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    texture = Texture.of(codes, 257 * codes.astype(np.uint16), 2, 0)
+    np.testing.assert_allclose(texture.color, codes / 255, rtol=1e-15)
+    np.testing.assert_allclose(texture.supersampled, codes / 255, rtol=1e-15)
+    half = jnp.zeros((4, 6, 3), jnp.bfloat16)
+    assert Texture.of(half, half, 2, 0).color.dtype == jnp.bfloat16
+
+
+@pytest.mark.parametrize(
+    ("color", "message"),
+    [
+        (
+            np.full((4, 6, 3), 255.0),
+            r"color must lie in \[0, 1\], got float64 from 255",
+        ),
+        (np.zeros((4, 6, 3), np.int64), "color must be uint8, .* got int64"),
+        (np.zeros((4, 6, 4)), r"one shape .* got \(4, 6, 4\) and \(4, 6, 3\)"),
+        (np.zeros((3, 6, 3)), r"multiples of oversampling = 2, got \(3, 6, 3\)"),
+    ],
+)
+def test_what_is_no_texture_is_refused(color, message):
+    with pytest.raises(ValueError, match=message):
+        Texture.of(color, np.zeros((4, 6, 3)), 2, 0)
+
+
 def test_samples_may_change_from_frame_to_frame(noise):
     # Traced, not constants of the program.
     offset = jnp.asarray(TURN)

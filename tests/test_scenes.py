@@ -7,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small
 
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
 from hmdjit.frames.displacement import Displacement
 from hmdjit.scenes import pictures
+from hmdjit.scenes.base import check_scene
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +125,96 @@ def test_text_that_is_not_static_is_refused():
 
     with pytest.raises(ValueError, match=r"^name must be static: eqx\.field"):
         Grey()
+
+
+CAMERA = Camera(8, 8, 20.0)
+
+
+def scene_of(paint, base: type = scenes.AbstractFlatScene):
+    class Mine(base):
+        name: str = eqx.field(static=True, default="mine")
+
+        def plane_color(self, camera, x, y):
+            return paint(x)
+
+        def color(self, camera, direction):
+            if base is scenes.AbstractScene:
+                return paint(direction)
+            return super().color(camera, direction)
+
+    return Mine()
+
+
+@pytest.mark.parametrize(
+    "paint",
+    [
+        lambda x: x,
+        lambda x: jnp.stack([x] * 3, -1),
+        lambda x: jnp.stack([x] * 4),
+        lambda x: [x, x, x],
+        lambda x: None,
+        lambda x: x if x.sum() > 0 else -x,
+    ],
+    ids=["grey", "channels last", "alpha", "list", "none", "condition"],
+)
+def test_a_flat_scene_must_return_colours(paint):
+    message = r"^scene 'mine': plane_color\(camera, x, y\) must return .*, got "
+    with pytest.raises(ValueError, match=message):
+        scenes.bake(scene_of(paint), CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("paint", "got"),
+    [
+        (lambda d: jnp.moveaxis(d, 0, -1), r"float64 of shape \(2, 5, 3\)"),
+        (lambda d: jnp.full(d.shape, 200, jnp.uint8), r"uint8 of shape \(3, 2, 5\)"),
+        (tuple, "tuple"),
+        (lambda d: 0.5, r"float64 of shape \(\)"),
+    ],
+)
+def test_a_scene_must_return_colours_in_every_study(paint, got):
+    scene = scene_of(paint, scenes.AbstractScene)
+    message = r"^scene '%s': color\(camera, direction\) must return .* got "
+    with pytest.raises(ValueError, match=message % "mine" + got):
+        scenes.bake(scene, CAMERA)
+    with pytest.raises(ValueError, match=message % "room" + got):
+        small.study(scenes={"room": scene})
+
+
+@pytest.mark.parametrize("level", [200.0, -1.0])
+def test_colours_out_of_range_are_refused(level):
+    scene = scene_of(lambda x: jnp.full((3, *x.shape), level))
+    with pytest.raises(ValueError, match=r"scene 'mine' must lie in \[0, 1\], got"):
+        scenes.bake(scene, CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("thing", "got"),
+    [
+        (scenes.checkerboard, "checkerboard itself"),
+        (scenes.Photograph, "Photograph itself"),
+        (np.zeros((8, 8, 3)), "an instance of ndarray"),
+        ("photo.png", "an instance of str"),
+    ],
+)
+def test_what_is_no_scene_is_refused(thing, got):
+    with pytest.raises(ValueError, match=f"^scene must be an instance .*, got {got}"):
+        check_scene(thing, CAMERA)
+    with pytest.raises(ValueError, match=f"^scene 'room' must be .*, got {got}"):
+        check_scene(thing, CAMERA, "room")
+
+
+class Painted(scenes.AbstractFlatScene):
+    grey: float
+    name: str = eqx.field(static=True)
+
+    def __init__(self, percent):
+        self.grey, self.name = percent / 100, f"{percent} %"
+
+    def plane_color(self, camera, x, y):
+        return jnp.full((3, *x.shape), self.grey)
+
+
+def test_a_scene_may_have_its_own_init():
+    texture = scenes.bake(Painted(50), CAMERA, oversampling=1)
+    assert (texture.color == 0.5).all()

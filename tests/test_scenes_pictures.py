@@ -1,9 +1,13 @@
+import struct
+import zlib
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from PIL import Image
+import tifffile
+from PIL import Image, ImageCms
 
 from hmdjit import scenes
 from hmdjit.camera import Camera, Region
@@ -111,12 +115,28 @@ def test_magnification_is_a_number_that_can_be_varied_and_differentiated(picture
         (np.zeros((0, 4), np.uint8), r"at least 1 x 1, got \(0, 4\)"),
         (np.zeros((4, 4), np.int64), "uint8, uint16 or floating, got int64"),
         (np.full((4, 4), 1.5), r"picture must lie in \[0, 1\], got 1.5"),
+        (np.full((4, 4), -0.5), r"picture must lie in \[0, 1\], got -0.5"),
         (np.full((4, 4), np.nan), r"picture must lie in \[0, 1\], got nan"),
     ],
 )
 def test_what_is_no_picture_is_refused(picture, message):
     with pytest.raises(ValueError, match=message):
         scenes.Photograph.of(picture)
+
+
+@pytest.mark.parametrize("kind", [scenes.Photograph, scenes.Panorama])
+def test_planes_in_the_order_of_a_picture_are_refused(kind):
+    with pytest.raises(ValueError, match=r"\(3, height, width\), got \(4, 8, 3\)"):
+        kind(jnp.zeros((4, 8, 3), jnp.uint8))
+    with pytest.raises(ValueError, match="uint8, uint16 or floating, got int32"):
+        kind(jnp.zeros((3, 4, 8), jnp.int32))
+
+
+def test_a_panorama_may_be_one_percent_off():
+    for width in (99, 100, 101):
+        scenes.Panorama.of(np.zeros((50, width), np.uint8))
+    with pytest.raises(ValueError, match=r"within 1 %, got 102 x 50"):
+        scenes.Panorama.of(np.zeros((50, 102), np.uint8))
 
 
 def test_options_out_of_range_are_refused(picture):
@@ -210,12 +230,37 @@ def test_a_jpeg_is_read(tmp_path):
     np.testing.assert_allclose(pictures.read_picture(path) * 255, 130, atol=1.01)
 
 
-def test_a_photograph_is_turned_upright(tmp_path, picture):
+@pytest.mark.parametrize("name", ["turned.png", "turned.tif", "grey.tif", "deep.tif"])
+def test_a_photograph_is_turned_upright(tmp_path, picture, name):
     exif = Image.Exif()
     exif[0x0112] = 6  # the camera was held turned: row 0 is the right side
-    path = saved(tmp_path, picture, exif=exif)
+    stored = picture if name.startswith("turned") else picture[..., 0]
+    stored = 257 * stored.astype(np.uint16) if name == "deep.tif" else stored
+    frame = pictures.read_picture(saved(tmp_path, stored, name, exif=exif)) * 255
+    np.testing.assert_allclose(frame[..., 0], np.rot90(picture, -1)[..., 0], atol=1e-4)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize(
+    "entry",
+    [
+        struct.pack(">HHIIii", 0x011A, 10, 1, 38, -1, 0),  # resolution, signed: -1/0
+        struct.pack(">HHIIii", 0x011A, 10, 1, 38, -72, 1),
+        struct.pack(">HHIId", 0x011A, 12, 1, 38, np.nan),
+        struct.pack(">HHII", 0x8769, 4, 1, 2**32 - 1),  # a list beyond the file's end
+    ],
+    ids=["-1/0", "-72/1", "nan", "beyond"],
+)
+def test_a_damaged_exif_entry_is_no_damaged_picture(tmp_path, orientation, entry):
+    turn = struct.pack(">HHIHH", 0x0112, 3, 1, orientation, 0)
+    (first, rest) = (entry[:12], entry[12:])
+    entries = sorted([turn, first])
+    exif = b"Exif\0\0MM\0*" + struct.pack(">IH", 8, 2) + b"".join(entries) + bytes(4)
+    light = np.repeat(np.array([200, 50], np.uint8), 8)[:, None].repeat(24, 1)
+    path = saved(tmp_path, light, "camera.jpg", exif=exif + rest, quality=100)
+    upright = light if orientation == 1 else np.rot90(light, -1)
     frame = pictures.read_picture(path) * 255
-    np.testing.assert_allclose(frame, np.rot90(picture, -1), atol=1e-4)
+    np.testing.assert_allclose(frame[..., 0], upright, atol=1.01)
 
 
 def test_grey_keeps_8_and_16_bits(tmp_path, rng):
@@ -251,6 +296,106 @@ def test_transparency_is_laid_on_black(tmp_path, rng):
     grey = np.array([[10, 200]], np.uint8)
     path = saved(tmp_path, grey, transparency=200)
     np.testing.assert_allclose(pictures.read_picture(path)[0, :, 0] * 255, [10, 0])
+    opaque = pictures.read_picture(path, opaque=True)
+    np.testing.assert_allclose(opaque[0, :, 0] * 255, [10, 200])
+
+
+@pytest.mark.parametrize("alpha", [128, 0])
+def test_an_opaque_picture_is_read_without_its_alpha(tmp_path, rng, alpha):
+    rgba = rng.integers(0, 256, (5, 7, 4), dtype=np.uint8)
+    rgba[..., 3] = alpha
+    path = saved(tmp_path, rgba)
+    frame = pictures.read_picture(path, opaque=True)
+    np.testing.assert_array_equal(np.round(frame * 255), rgba[..., :3])
+    assert frame.dtype == np.float32
+
+
+def png(path, bits, kind, row, transparent):
+    """One row of pixels, packed, as a PNG with a transparent colour."""
+    width = 8 * len(row) // (bits * (3 if kind == 2 else 1))
+    header = struct.pack(">IIBBBBB", width, 1, bits, kind, 0, 0, 0)
+    chunks = {b"IHDR": header, b"tRNS": transparent}
+    chunks |= {b"IDAT": zlib.compress(b"\0" + row), b"IEND": b""}
+    content = b"\x89PNG\r\n\x1a\n"
+    for name, data in chunks.items():
+        check = struct.pack(">I", zlib.crc32(name + data))
+        content += struct.pack(">I", len(data)) + name + data + check
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("bits", "row", "transparent", "expected"),
+    [
+        (16, struct.pack(">3H", 1000, 40000, 200), 40000, [1000 / 257, 0, 200 / 257]),
+        (16, struct.pack(">3H", 1000, 40000, 200), 200, [1000 / 257, 40000 / 257, 0]),
+        (4, bytes([0x0F, 0x3A]), 15, [0, 0, 51, 170]),
+        (2, bytes([0b00011011]), 2, [0, 85, 0, 255]),
+        (1, bytes([0b01010000]), 0, [0, 255, 0, 255, 0, 0, 0, 0]),
+    ],
+)
+def test_a_transparent_grey_is_found_in_the_bits_of_the_file(
+    tmp_path, bits, row, transparent, expected
+):
+    transparent = struct.pack(">H", transparent)
+    path = png(tmp_path / "grey.png", bits, 0, row, transparent)
+    frame = pictures.read_picture(path)[0, :, 0] * 255
+    np.testing.assert_allclose(frame, expected, atol=1e-4)
+
+
+def test_a_transparent_colour_of_16_bits_is_refused(tmp_path):
+    row, transparent = struct.pack(">6H", 0, 1, 2, 3, 4, 5), struct.pack(">3H", 3, 4, 5)
+    path = png(tmp_path / "deep.png", 16, 2, row, transparent)
+    with pytest.raises(
+        ValueError, match=r"^.*deep\.png: has a transparent colour of 16"
+    ):
+        pictures.read_picture(path)
+    assert pictures.read_picture(path, opaque=True).shape == (1, 2, 3)
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.uint32, np.int16])
+def test_grey_of_no_stated_range_is_refused(tmp_path, kind):
+    grey = (np.arange(4)[None] * (np.iinfo(kind).max // 4)).astype(kind)
+    tifffile.imwrite(tmp_path / "counts.tif", grey)
+    with pytest.raises(ValueError, match=r"^.*counts\.tif: its grey values have no"):
+        scenes.Photograph.read(tmp_path / "counts.tif")
+
+
+def test_grey_tiffs_of_16_bits_are_read_unless_black_is_the_largest(tmp_path):
+    grey = np.array([[0, 1000, 40000]], np.uint16)
+    path = tmp_path / "grey.tif"
+    for order in ("<", ">"):
+        tifffile.imwrite(path, grey, byteorder=order)
+        scene = scenes.Photograph.read(path)
+        np.testing.assert_array_equal(scene.planes, grey[None])
+    tifffile.imwrite(path, grey, photometric="miniswhite")
+    with pytest.raises(ValueError, match=r"black at 0\.$"):
+        scenes.Photograph.read(path)
+
+
+def test_of_an_animation_the_first_frame_is_read(tmp_path):
+    first, second = (Image.new("RGB", (4, 2), (grey, 0, 0)) for grey in (200, 50))
+    first.save(tmp_path / "wave.gif", save_all=True, append_images=[second])
+    frame = pictures.read_picture(tmp_path / "wave.gif")
+    np.testing.assert_allclose(frame * 255, np.asarray(first), atol=1e-4)
+
+
+def test_a_colour_profile_is_not_applied(tmp_path, picture):
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
+    path = saved(tmp_path, picture, icc_profile=profile)
+    np.testing.assert_allclose(pictures.read_picture(path) * 255, picture, atol=1e-4)
+
+
+def test_a_picture_that_is_too_large_is_told_with_its_size(tmp_path, monkeypatch):
+    path = saved(tmp_path, np.zeros((20, 20), np.uint8))
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 200)
+    assert pictures.read_picture(path).shape == (20, 20, 3)  # Pillow warns from 200
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 199)
+    with pytest.raises(
+        ValueError, match=r"too large: .*400 pixels.* limit of 398"
+    ) as e:
+        pictures.read_picture(path)
+    assert "bomb" not in str(e.value)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path, picture):
@@ -273,7 +418,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, picture):
     with pytest.raises(ValueError, match=r"picture\.png: .* 2:1 .* got 32 x 24"):
         scenes.Panorama.read(tmp_path / "picture.png")
     Image.fromarray(np.zeros((4, 8), np.float32)).save(tmp_path / "light.tif")
-    with pytest.raises(ValueError, match=r"light\.tif: .*no stated range"):
+    with pytest.raises(ValueError, match=r"light\.tif: its .*no stated range"):
         scenes.Panorama.read(tmp_path / "light.tif")
 
 

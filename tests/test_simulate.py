@@ -234,6 +234,22 @@ def test_float32_agrees_with_float64(rng):
     np.testing.assert_allclose(ours.detail_loss, exact.detail_loss, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("poses_dtype", "texture_dtype", "expected"),
+    [
+        (jnp.float64, jnp.float32, jnp.float64),
+        (jnp.float32, jnp.bfloat16, jnp.float32),
+    ],
+)
+def test_the_longer_float_of_poses_and_texture_is_simulated(
+    rng, poses_dtype, texture_dtype, expected
+):
+    texture = small.texture(rng, dtype=texture_dtype)
+    poses = jnp.asarray(path(rng), poses_dtype)
+    simulate = lambda poses: hj.simulate(texture, CAMERA, NoAntialiasing(), poses)
+    assert jax.eval_shape(simulate, poses).mtcd.dtype == expected
+
+
 def test_the_world_has_no_direction(rng):
     # Turned as a whole, a path is the same session.
     texture, poses = small.texture(rng), path(rng)

@@ -13,9 +13,9 @@ from collections.abc import Collection, Iterator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .. import camera_bounds
+from .. import _checks, camera_bounds
 from .._types import Picture, Plane, Planes, Rgb, RotationVector, WholeNumber
 from ..camera import Camera, Region
 from . import resampling
@@ -177,11 +177,30 @@ class Texture(AbstractSource):
 
     @classmethod
     def of(
-        cls, color: Picture, supersampled: Picture, oversampling: int, margin_px: int
+        cls,
+        color: ArrayLike,
+        supersampled: ArrayLike,
+        oversampling: int,
+        margin_px: int,
     ) -> "Texture":
-        """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel."""
-        stored = resampling.texels(color, oversampling)
-        return cls(stored, resampling.texels(supersampled, oversampling), margin_px)
+        """Store two pictures `(height, width, 3)`, `oversampling` texels per pixel.
+
+        **Arguments:** gamma: floating in `[0, 1]`, or uint8 or uint16, whose largest
+        code is 1.
+
+        **Errors:** `ValueError` for any other dtype, range or shape.
+        """
+        named = {"color": color, "supersampled": supersampled}
+        first, second = (_checks.colors(*item) for item in named.items())
+        fits = first.shape == second.shape and first.ndim == 3 and first.shape[2] == 3
+        if not fits or any(side % oversampling for side in first.shape[:2]):
+            raise ValueError(
+                "color and supersampled must have one shape (height, width, 3), whole "
+                f"multiples of oversampling = {oversampling}, got {first.shape} and "
+                f"{second.shape}."
+            )
+        stored = resampling.texels(first, oversampling)
+        return cls(stored, resampling.texels(second, oversampling), margin_px)
 
     @property
     def oversampling(self) -> int:

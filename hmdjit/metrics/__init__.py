@@ -2,7 +2,9 @@
 
 `base` has the contract; MTCD, Kim et al.'s equation (6), is in `mtcd`. A session
 streams the metrics of `STANDARD`, or of a study's own list, on its displayed frames;
-the first of a list is its headline.
+the first of a list is its headline. `mtcd` and `Streamed` take gamma colours: uint8,
+uint16 or floating in `[0, 1]`, all else is refused. `mse`, `rmsd`, `psnr` and `snr`
+take two pictures on one scale, as it is.
 """
 
 from .base import AbstractMetric as AbstractMetric

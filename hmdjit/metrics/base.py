@@ -14,9 +14,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, DTypeLike, Float
+from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
-from .._types import Mask, Plane, Rgb, Scalar
+from .. import _checks
+from .._types import Mask, Numbers, Plane, Rgb, Scalar
 from ..camera import Region
 
 State = Any
@@ -141,6 +142,11 @@ def compensated(
     return jnp.stack([new, jax.lax.stop_gradient((new - total[0]) - term)])
 
 
+def at_least_single(values: Numbers) -> Numbers:
+    """Float32 for shorter floats, which neither squares nor sums of pixels fit into."""
+    return values.astype(jnp.float32) if values.dtype.itemsize < 4 else values
+
+
 class Streamed:
     """A metric of a clip that comes picture by picture, `(height, width, 3)`."""
 
@@ -150,20 +156,27 @@ class Streamed:
         self._last: Rgb | None = None
         self._count = 0
 
-    def add(
-        self,
-        picture: Float[np.ndarray, "height width 3"],
-        reference: Float[np.ndarray, "height width 3"] | None = None,
-    ) -> None:
-        """Take in the next picture; gamma colours in `[0, 1]`."""
-        height, width, _ = picture.shape
-        shown = _planes(picture)
+    def add(self, picture: ArrayLike, reference: ArrayLike | None = None) -> None:
+        """Take in the next picture, and the one it is held against.
+
+        **Arguments:** gamma colours, all of the first picture's size: floating in
+        `[0, 1]`, or uint8 or uint16, whose largest code is 1.
+
+        **Errors:** `ValueError` for any other dtype, range or size, and where a metric
+        needs a reference and there is none.
+        """
+        if self.metric.needs_reference and reference is None:
+            raise ValueError(f"{self.metric.id} needs a reference beside each picture.")
+        shown = _planes("picture", picture, self._last)
         if self._state is None:
+            _, height, width = shown.shape
             measured = Region(0, 0, width, height)
             self._state = self.metric.init(measured, shown.dtype)
         if self._last is not None or not self.metric.is_of_pairs:
             last = self._last if self.metric.is_of_pairs else None
-            against = None if reference is None else _planes(reference)
+            against = (
+                None if reference is None else _planes("reference", reference, shown)
+            )
             self._state = _step(self.metric, self._state, shown, last, against)
             self._count += 1
         self._last = shown
@@ -174,8 +187,14 @@ class Streamed:
         return float(self.metric.value(self._state)) if self._count else float("nan")
 
 
-def _planes(picture: Float[np.ndarray, "height width 3"]) -> Rgb:
-    return jnp.asarray(np.moveaxis(picture, -1, 0), jnp.result_type(float))
+def _planes(name: str, picture: ArrayLike, like: Rgb | None) -> Rgb:
+    picture = np.asarray(picture)
+    size = picture.shape[:2] if like is None else like.shape[1:]
+    if picture.ndim != 3 or picture.shape != (*size, 3):
+        sizes = "(height, width, 3)" if like is None else f"{(*size, 3)}"
+        raise ValueError(f"{name} must have the shape {sizes}, got {picture.shape}.")
+    planes = _checks.colors(name, np.moveaxis(picture, -1, 0))
+    return planes.astype(jnp.result_type(float))
 
 
 @jax.jit

@@ -4,12 +4,13 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
 
-from .. import color
+from .. import _checks, color
 from .._types import Clip, Plane, Rgb, Scalar
 from ..camera import Region
 from ..color import CODE_VALUES as CODE_VALUES
-from .base import PixelMean
+from .base import PixelMean, at_least_single
 
 
 class MTCD(PixelMean):
@@ -32,21 +33,32 @@ class MTCD(PixelMean):
         return CODE_VALUES * color.distance(shown, previous)
 
 
-@jax.jit
-def mtcd(clip: Clip) -> Scalar:
+def mtcd(clip: ArrayLike) -> Float[Array, ""]:
     """MTCD of a clip.
 
-    **Arguments:** `clip`: displayed gamma frames, `(frames >= 2, height, width, 3)`.
+    **Arguments:** `clip`: displayed gamma frames, `(frames >= 2, height, width, 3)`;
+    floating in `[0, 1]`, or uint8 or uint16, whose largest code is 1.
 
-    **Returns:** code values; 0 for a clip that never changes.
+    **Returns:** code values; 0 for a clip that never changes. At least float32.
 
-    **Errors:** `ValueError` for fewer than 2 frames.
+    **Errors:** `ValueError` for any other shape, dtype or range. Inside compiled code
+    the range is not checked.
 
     **Source:** Kim et al., equation (6).
     """
-    frames, height, width, _ = clip.shape
-    if frames < 2:
-        raise ValueError(f"clip must have at least 2 frames, got {frames}.")
+    colors = _checks.colors("clip", clip)
+    if colors.ndim != 4 or colors.shape[3] != 3:
+        raise ValueError(
+            f"clip must have the shape (frames, height, width, 3), got {colors.shape}."
+        )
+    if len(colors) < 2:
+        raise ValueError(f"clip must have at least 2 frames, got {len(colors)}.")
+    return _mtcd(at_least_single(colors))
+
+
+@jax.jit
+def _mtcd(clip: Clip) -> Scalar:
+    _, height, width, _ = clip.shape
     planes, metric = jnp.moveaxis(clip, -1, 1), MTCD()
     step = lambda state, pair: (metric.step(state, pair[0], pair[1], None), None)
     start = metric.init(Region(0, 0, width, height), clip.dtype)

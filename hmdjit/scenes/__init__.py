@@ -2,8 +2,10 @@
 
 `base` has the contract, `patterns`, `rasters` and `pictures` the scenes, `baking` makes
 a texture of one. `study_set` lists those of a study that names none.
-`study_set` needs the extra packages of `hmdjit[study]`; the other names need them only
-when they read a file or draw text.
+Arrays of colours are gamma: uint8, uint16 or floating in `[0, 1]`, all else is refused;
+`Photograph.read` says what is done with transparency, profiles and other things of
+files. `study_set` needs the extra packages of `hmdjit[study]`; the other names need
+them only when they read a file or draw text.
 """
 
 from .baking import bake as bake

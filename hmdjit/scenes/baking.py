@@ -1,6 +1,5 @@
 """Baking: a scene seen from the hold pose, as one texture."""
 
-import dataclasses
 import functools
 import math
 
@@ -13,7 +12,7 @@ from ..camera import Camera
 from ..frames import resampling
 from ..frames.resampling import Texels
 from ..frames.sources import Texture
-from .base import AbstractScene, Colors
+from .base import AbstractScene, Colors, check_scene, nameless
 
 _SAMPLES = 4  # per display pixel and axis, in the SSAA(4) reference
 
@@ -44,18 +43,19 @@ def bake(
     **Returns:** a `Texture`, its colour exact at the texels' centres, its reference the
     SSAA(4) mean over one display pixel around them.
 
-    **Errors:** `ValueError` if the oversampling is another, or half the field of view
-    and the margin together reach 85 degrees.
+    **Errors:** `ValueError` if the oversampling is another, if half the field of view
+    and the margin together reach 85 degrees, and for a scene that is none, or returns
+    another shape or, outside compiled code, colours outside `[0, 1]`.
 
     **Accuracy:** what is read between texels is interpolated from them. One compilation
     serves all scenes of one class and shapes.
     """
     margin_px = check_baking(camera, oversampling, margin_deg)
-    # The name is part of the program's identity: without it, scenes share a program.
-    nameless = dataclasses.replace(scene, name="")
+    check_scene(scene, camera)
     # Positions have too many digits for a shorter dtype than float32.
     painted_dtype = jnp.dtype(jnp.float32 if jnp.dtype(dtype).itemsize < 4 else dtype)
-    painted = _paint(nameless, camera, oversampling, margin_px, painted_dtype)
+    painted = _paint(nameless(scene), camera, oversampling, margin_px, painted_dtype)
+    _checks.colors(f"colours of scene {scene.name!r}", painted[0])
     colors, supersampled = (texels.astype(dtype) for texels in painted)
     return Texture(colors, supersampled, margin_px)
 

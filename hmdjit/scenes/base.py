@@ -8,6 +8,9 @@ degree is pi / 180 tangent units (8.05 px with the default camera).
 """
 
 import abc
+import copy
+import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -69,3 +72,57 @@ class AbstractFlatScene(AbstractScene):
         safe = jnp.where(in_front, depth, 1.0)
         colors = self.plane_color(camera, direction[0] / safe, direction[1] / safe)
         return jnp.where(in_front[None], colors, jnp.nan)
+
+
+def nameless(scene: AbstractScene) -> AbstractScene:
+    """Copy a scene without its name, so that those of one class share a program."""
+    copied = copy.copy(scene)
+    if any(field.name == "name" for field in dataclasses.fields(scene)):
+        object.__setattr__(copied, "name", "")  # as its own `__init__` may not do
+    return copied
+
+
+def check_scene(scene: Any, camera: Camera, name: str = "") -> None:
+    """Raise unless a scene is one, and gives colours of the shape that it must.
+
+    Nothing is computed: its function is traced, once for scenes of one class and shape.
+
+    **Arguments:** `name`: what messages call it; by default its own name.
+
+    **Errors:** `ValueError` naming the scene and what it must return.
+    """
+    if not isinstance(scene, AbstractScene):
+        called = f"scene {name!r}" if name else "scene"
+        itself = getattr(scene, "__name__", None)  # a class, or a function
+        got = f"{itself} itself" if itself else f"an instance of {type(scene).__name__}"
+        raise ValueError(
+            f"{called} must be an instance of a subclass of hj.scenes.AbstractScene, "
+            f"got {got}."
+        )
+    method, size = "color(camera, direction)", "direction[0].shape"
+    if isinstance(scene, AbstractFlatScene):
+        method, size = "plane_color(camera, x, y)", "x.shape"
+    must = (
+        f"scene {name or scene.name!r}: {method} must return colours in [0, 1] of the "
+        f"shape (3, *{size})"
+    )
+    direction = jax.ShapeDtypeStruct((3, 2, 5), jnp.result_type(float))
+    try:
+        color, own = _returned.eval_shape(nameless(scene), camera, direction)
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0]
+        raise ValueError(f"{must}, got {type(error).__name__}: {reason}") from error
+    is_fit = isinstance(color, jax.ShapeDtypeStruct) and color.shape == direction.shape
+    if not is_fit or not jnp.issubdtype(color.dtype, jnp.floating):
+        shape = getattr(own, "shape", None)
+        got = type(own).__name__ if shape is None else f"{own.dtype} of shape {shape}"
+        raise ValueError(f"{must}, got {got} for (2, 5) directions.")
+
+
+@jax.jit
+def _returned(scene: AbstractScene, camera: Camera, direction: Directions) -> tuple:
+    """Return what is seen, and what the scene's own method made of it."""
+    color = scene.color(camera, direction)
+    if not isinstance(scene, AbstractFlatScene):
+        return color, color
+    return color, scene.plane_color(camera, direction[0], direction[1])

@@ -1,6 +1,7 @@
 """Pictures as scenes: a flat photograph, a panorama all around."""
 
 import os
+import warnings
 from typing import Any
 
 import equinox as eqx
@@ -32,6 +33,7 @@ class Photograph(base.AbstractFlatScene):
     name: str = eqx.field(static=True, default="photograph", kw_only=True)
 
     def __check_init__(self):
+        stored.check_planes(self.planes)
         _checks.in_range("magnification", self.magnification, 0, open_low=True)
 
     @classmethod
@@ -63,9 +65,13 @@ class Photograph(base.AbstractFlatScene):
     ) -> "Photograph":
         """Read a PNG, JPEG or other file that Pillow can read.
 
-        Turned upright by its EXIF orientation. Transparency is laid on black, in gamma.
-        16-bit grey keeps its 16 bits; Pillow gives 16-bit colour in 8 bits. Embedded
-        colour profiles are not applied: codes are taken as sRGB.
+        - Turned upright by its EXIF orientation, if that can be read.
+        - Black lies behind transparent pixels, blended in gamma.
+        - Embedded colour profiles (ICC) are not applied: codes are taken as sRGB.
+        - Of an animation (GIF, APNG, WebP) or of several pages, the first.
+        - 16-bit grey keeps its 16 bits; Pillow gives 16-bit colour in 8 bits. Floating,
+          signed and 32-bit values have no stated range: they are refused.
+        - At most 179 million pixels, twice Pillow's `MAX_IMAGE_PIXELS`.
 
         **Arguments:** `name`: by default the file's name without its ending.
 
@@ -108,9 +114,10 @@ class Panorama(base.AbstractScene):
     name: str = eqx.field(static=True, default="panorama", kw_only=True)
 
     def __check_init__(self):
+        stored.check_planes(self.planes)
         _checks.in_range("yaw_deg", self.yaw_deg)
         _, height, width = self.planes.shape
-        if abs(width / (2 * height) - 1) > 0.01:
+        if 100 * abs(width - 2 * height) > 2 * height:
             raise ValueError(
                 "a panorama must be 2:1 (width:height) within 1 %, "
                 f"got {width} x {height}."
@@ -166,23 +173,34 @@ class Panorama(base.AbstractScene):
         return stored.read_planes(self.planes, column, row, stored.repeat, stored.clamp)
 
 
-def read_picture(path: str | os.PathLike) -> Float[np.ndarray, "height width 3"]:
+def read_picture(
+    path: str | os.PathLike, *, opaque: bool = False
+) -> Float[np.ndarray, "height width 3"]:
     """Read a file's gamma colours, as `Photograph.read` does, and with its errors.
+
+    **Arguments:** `opaque`: take colours as they are stored, whatever alpha says: what
+    engines write there is often no transparency.
 
     **Returns:** in `[0, 1]`, float32, shape `(height, width, 3)`.
     """
-    codes = _read_codes(os.fspath(path))
+    codes = _read_codes(os.fspath(path), opaque=opaque)
     colors = (codes / np.iinfo(codes.dtype).max).astype(np.float32)
     height, width = colors.shape[:2]
     channels_last = colors.reshape(height, width, -1)
     return np.array(np.broadcast_to(channels_last, (height, width, 3)))
 
 
+class _Refused(ValueError):
+    """A picture is whole, but what its values mean is not known."""
+
+
 def _stem(path: str) -> str:
     return os.path.splitext(os.path.basename(path))[0]
 
 
-def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
+def _read_codes(
+    path: str, *, opaque: bool = False
+) -> UInt[np.ndarray, "height width *channels"]:
     """Gamma codes of a file, `(height, width)` or `(height, width, 3)`."""
     try:
         import PIL.Image
@@ -195,30 +213,77 @@ def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file.")
     try:
-        with PIL.Image.open(path) as image:
-            return _decoded(image)
+        # Pillow warns of damaged metadata, and of half the size that it refuses. Of a
+        # path it would map the file, and misread a turned TIFF.
+        with warnings.catch_warnings(action="ignore"), open(path, "rb") as file:
+            return _decoded(PIL.Image.open(file), opaque)
     except PermissionError:
         raise
+    except _Refused as error:
+        raise ValueError(f"{path}: {error}.") from None
     except PIL.UnidentifiedImageError:
         raise ValueError(f"{path}: not a picture that Pillow can read.") from None
+    except PIL.Image.DecompressionBombError as error:
+        size, _, _ = str(error).partition(", could be")  # and the limit
+        raise ValueError(f"{path}: too large: {size}.") from None
     # A damaged file makes Pillow's decoders raise almost anything.
     except Exception as error:
         raise ValueError(f"{path}: damaged or unreadable: {error}") from error
 
 
-def _decoded(image: Any) -> UInt[np.ndarray, "height width *channels"]:
-    from PIL import ImageOps
-
-    upright = ImageOps.exif_transpose(image)
+def _decoded(image: Any, opaque: bool) -> UInt[np.ndarray, "height width *channels"]:
+    if opaque:
+        image.info.pop("transparency", None)
+    elif image.format == "PNG" and "transparency" in image.info:
+        _scale_transparency(image)
+    upright = _upright(image)
     if upright.mode == "F":
-        raise ValueError("its floating-point values have no stated range")
-    if upright.mode.startswith("I"):  # 16-bit grey: I;16, I;16B, or I in older Pillows
-        return np.clip(np.asarray(upright), 0, 65535).astype(np.uint16)
-    if upright.mode in ("LA", "PA", "RGBA", "La", "RGBa") or (
-        "transparency" in upright.info
-    ):
+        raise _Refused("its floating-point values have no stated range")
+    if upright.mode.startswith("I"):
+        _check_deep_grey(image)
+        codes = np.array(upright, np.uint16)
+        if (transparent := image.info.get("transparency")) is not None:
+            codes[codes == transparent] = 0
+        return codes
+    if upright.has_transparency_data:
         codes = np.asarray(upright.convert("RGBA")).astype(np.uint32)
-        on_black = (codes[..., :3] * codes[..., 3:] + 127) // 255
-        return on_black.astype(np.uint8)
+        alpha = 255 if opaque else codes[..., 3:]
+        return ((codes[..., :3] * alpha + 127) // 255).astype(np.uint8)
     grey = upright.mode in ("1", "L")
     return np.asarray(upright.convert("L" if grey else "RGB"))
+
+
+def _upright(image: Any) -> Any:
+    """Turn a picture by its EXIF orientation, whatever else is damaged there."""
+    from PIL import ImageOps
+
+    image.load()
+    try:
+        image.getexif()  # is remembered
+        # Else Pillow writes the other entries anew, and fails where one is damaged.
+        for name in ("exif", "Raw profile type exif"):
+            image.info.pop(name, None)
+        return ImageOps.exif_transpose(image)
+    except Exception:
+        return image  # it has no orientation that can be read
+
+
+def _scale_transparency(image: Any) -> None:
+    """Bring a PNG's transparent colour from the file's bits to those of its pixels."""
+    stored = image.tile[0][3]
+    if stored == "RGB;16B":  # of which Pillow gives the upper 8 bits
+        raise _Refused("has a transparent colour of 16 bits; save an alpha channel")
+    image.info["transparency"] *= {"L;2": 85, "L;4": 17}.get(stored, 1)
+
+
+def _check_deep_grey(image: Any) -> None:
+    """Raise unless grey of more than 8 bits is of 16, unsigned, with black at 0."""
+    is_known = image.format in ("PNG", "PPM", "JPEG2000")
+    if image.format == "TIFF" and image.mode.startswith("I;16"):
+        bits, photometric = (image.tag_v2.get(tag) for tag in (258, 262))
+        is_known = bits == (16,) and photometric == 1
+    if not is_known:
+        raise _Refused(
+            "its grey values have no stated range: they must have 8 or 16 bits, "
+            "unsigned, with black at 0"
+        )

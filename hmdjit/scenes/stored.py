@@ -52,15 +52,24 @@ def stored_planes(picture: ArrayLike) -> StoredPlanes:
         )
     if 0 in picture.shape:
         raise ValueError(f"picture must be at least 1 x 1, got {picture.shape}.")
-    if np.issubdtype(picture.dtype, np.floating):
+    if jnp.issubdtype(picture.dtype, jnp.floating):
         for value in (picture.min(), picture.max()):
-            _checks.in_range("picture", value, 0, 1)
-    elif picture.dtype not in (np.uint8, np.uint16):
-        raise ValueError(
-            f"picture must be uint8, uint16 or floating, got {picture.dtype}."
-        )
+            _checks.in_range("picture", float(value), 0, 1)
     channels_last = picture if picture.ndim == 3 else picture[..., None]
-    return jnp.asarray(np.moveaxis(channels_last, -1, 0))
+    planes = jnp.asarray(np.moveaxis(channels_last, -1, 0))
+    check_planes(planes)
+    return planes
+
+
+def check_planes(planes: StoredPlanes) -> None:
+    """Raise unless planes are of a shape and a dtype that scenes keep."""
+    if planes.ndim != 3 or planes.shape[0] not in (1, 3):
+        raise ValueError(
+            "planes must have the shape (1, height, width) or (3, height, width), got "
+            f"{planes.shape}: Photograph.of and Panorama.of take (height, width, 3)."
+        )
+    if planes.dtype not in (jnp.uint8, jnp.uint16):
+        _checks.floating("picture", planes, "uint8, uint16 or floating")
 
 
 def read_planes(

@@ -58,7 +58,8 @@ def simulate(
     - `scene`: what is looked at. It is baked here, with 6 degrees of margin.
     - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length. The
       first is the hold pose. Concrete poses are re-based in float64; float32 is the
-      precision of the simulation unless a JAX float64 array comes in, or a texture.
+      precision of the simulation, float64 where poses that are a JAX array, or a
+      texture, have it.
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.
@@ -92,10 +93,8 @@ def simulate(
     check_gives(texture.gives, "this scene", technique)
     check_hints(technique)
     check_metrics(metrics)
-    # A texture that was baked before brings the precision of the simulation, down to
-    # float32: shorter texels are only stored so.
-    stored = texture.color_texels.dtype
-    dtype = jnp.dtype(jnp.float32) if stored.itemsize < 4 else stored
+    # Texels shorter than float32 are only stored so.
+    dtype = np.promote_types(texture.color_texels.dtype, np.promote_types(dtype, "f4"))
     motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)
     if not _checks.is_traced(motion.offset):
         _check_margin(texture, camera, region, motion)

@@ -11,7 +11,7 @@ from ..head_motion import HeadMotion
 from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics
 from ..scenes.baking import check_baking
-from ..scenes.base import AbstractScene
+from ..scenes.base import AbstractScene, check_scene
 from ..simulation.simulate import check_gives
 from ..techniques.base import AbstractTechnique
 from .measured_blocks import Measurement, Tiles
@@ -60,6 +60,7 @@ class StudyDefinition(eqx.Module):
         for name, scene in self.scenes.items():
             if name in (POOLED, GEOMETRIC_MEAN):
                 raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
+            check_scene(scene, self.camera, name)
             for technique in self.techniques:
                 check_gives(scene.gives, name, technique)
 
