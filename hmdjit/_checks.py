@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 
@@ -59,6 +61,33 @@ def in_range(
 
 def _written(value: Any) -> str:
     return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def colors(name: str, values: Any) -> jax.Array:
+    """Gamma colours as floats in `[0, 1]`: codes of 8 or 16 bits by 255 or 65535.
+
+    **Errors:** `ValueError` for any other dtype that is not floating, and for floats
+    outside `[0, 1]` by more than half a code value of 8 bits; NaN and what is being
+    traced pass.
+    """
+    values = values if isinstance(values, jax.Array) else np.asarray(values)
+    if values.dtype in (np.uint8, np.uint16):
+        return jnp.asarray(values, float) / float(jnp.iinfo(values.dtype).max)
+    floating(name, values, "uint8, uint16 or floating in [0, 1]")
+    if values.size and not is_traced(values):
+        low, high = float(values.min()), float(values.max())
+        if low < -0.5 / 255 or high > 1 + 0.5 / 255:
+            raise ValueError(
+                f"{name} must be uint8, uint16 or floating in [0, 1], "
+                f"got {values.dtype} from {low:g} to {high:g}."
+            )
+    return jnp.asarray(values)
+
+
+def floating(name: str, values: Any, allowed: str = "floating") -> None:
+    """Raise unless numbers are floating: whole ones would wrap around."""
+    if not jnp.issubdtype(values.dtype, jnp.floating):
+        raise ValueError(f"{name} must be {allowed}, got {values.dtype}.")
 
 
 def whole(name: str, value: Any, low: int) -> None:
