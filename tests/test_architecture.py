@@ -47,8 +47,11 @@ LINES = [
 # In a folder, members import the members of earlier steps; `*` is every other name.
 FOLDERS = {
     "head_motion": [
-        ("discretisation", "parameters", "trace_formats"),
-        ("components", "presets", "trace"),
+        ("discretisation", "parameters", "trace_clock", "trace_columns"),
+        ("components", "presets", "trace_notes", "trace_table"),
+        ("trace_log",),
+        ("trace_formats",),
+        ("trace",),
         ("sampling", "laws"),
         ("process", "replay"),
     ],
