@@ -78,7 +78,7 @@ def colors(name: str, values: Any) -> jax.Array:
         low, high = float(values.min()), float(values.max())
         if low < -0.5 / 255 or high > 1 + 0.5 / 255:
             raise ValueError(
-                f"{name} must be uint8, uint16 or floating in [0, 1], "
+                f"{name} must lie in [0, 1], "
                 f"got {values.dtype} from {low:g} to {high:g}."
             )
     return jnp.asarray(values)

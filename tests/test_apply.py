@@ -70,7 +70,7 @@ def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, me
     ids=["2", "0..255", "-1..1", "int32"],
 )
 def test_frames_of_another_range_or_dtype_are_refused(untyped, frames, message):
-    message = rf"^frames must be uint8, uint16 or floating in \[0, 1\], got {message}"
+    message = rf"^frames must .*in \[0, 1\], got {message}"
     with pytest.raises(ValueError, match=message):
         hj.apply(NoAntialiasing(), CAMERA, frames, STILL)
 

@@ -78,7 +78,7 @@ FOLDERS = {
         ("registry",),
     ],
     "simulation": [
-        ("blocks", "sharding", "apply"),
+        ("blocks", "sharding", "apply", "pose_fit"),
         ("halo", "views"),
         ("session",),
         ("simulate",),
@@ -116,7 +116,13 @@ FOLDERS = {
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
-    "cli": [("options", "progress"), ("definition",), ("*",), ("main",)],
+    "cli": [
+        ("options", "progress"),
+        ("definition", "frame_files"),
+        ("frame_poses",),
+        ("*",),
+        ("main",),
+    ],
 }
 
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}

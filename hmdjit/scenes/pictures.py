@@ -166,12 +166,16 @@ class Panorama(base.AbstractScene):
         return stored.read_planes(self.planes, column, row, stored.repeat, stored.clamp)
 
 
-def read_picture(path: str | os.PathLike) -> Float[np.ndarray, "height width 3"]:
+def read_picture(
+    path: str | os.PathLike, *, opaque: bool = False
+) -> Float[np.ndarray, "height width 3"]:
     """Read a file's gamma colours, as `Photograph.read` does, and with its errors.
+
+    **Arguments:** `opaque`: take colours as they are stored, whatever alpha says.
 
     **Returns:** in `[0, 1]`, float32, shape `(height, width, 3)`.
     """
-    codes = _read_codes(os.fspath(path))
+    codes = _read_codes(os.fspath(path), opaque=opaque)
     colors = (codes / np.iinfo(codes.dtype).max).astype(np.float32)
     height, width = colors.shape[:2]
     channels_last = colors.reshape(height, width, -1)
@@ -182,7 +186,9 @@ def _stem(path: str) -> str:
     return os.path.splitext(os.path.basename(path))[0]
 
 
-def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
+def _read_codes(
+    path: str, *, opaque: bool = False
+) -> UInt[np.ndarray, "height width *channels"]:
     """Gamma codes of a file, `(height, width)` or `(height, width, 3)`."""
     try:
         import PIL.Image
@@ -196,7 +202,7 @@ def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
         raise FileNotFoundError(f"{path}: no such file.")
     try:
         with PIL.Image.open(path) as image:
-            return _decoded(image)
+            return _decoded(image, opaque)
     except PermissionError:
         raise
     except PIL.UnidentifiedImageError:
@@ -206,7 +212,7 @@ def _read_codes(path: str) -> UInt[np.ndarray, "height width *channels"]:
         raise ValueError(f"{path}: damaged or unreadable: {error}") from error
 
 
-def _decoded(image: Any) -> UInt[np.ndarray, "height width *channels"]:
+def _decoded(image: Any, opaque: bool) -> UInt[np.ndarray, "height width *channels"]:
     from PIL import ImageOps
 
     upright = ImageOps.exif_transpose(image)
@@ -218,7 +224,8 @@ def _decoded(image: Any) -> UInt[np.ndarray, "height width *channels"]:
         "transparency" in upright.info
     ):
         codes = np.asarray(upright.convert("RGBA")).astype(np.uint32)
-        on_black = (codes[..., :3] * codes[..., 3:] + 127) // 255
+        alpha = 255 if opaque else codes[..., 3:]
+        on_black = (codes[..., :3] * alpha + 127) // 255
         return on_black.astype(np.uint8)
     grey = upright.mode in ("1", "L")
     return np.asarray(upright.convert("L" if grey else "RGB"))
