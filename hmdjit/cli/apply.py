@@ -192,16 +192,20 @@ class ApplyCommand(PoseLog):
             return {}
         out = self.out or _OUT
         check_can_write(out)
-        for folder in filter(None, (self.frames_dir, self.reference)):
-            if out.resolve() == folder.resolve():
+        folders = [out]
+        if len(ids) > 1:
+            folders = [out / id.replace(":", "_") for id in ids]
+        taken = [
+            folder.resolve() for folder in (self.frames_dir, self.reference) if folder
+        ]
+        for folder in folders:
+            if folder.resolve() in taken:
                 raise ValueError(
-                    f"out must differ from the folder of the frames, got {out}."
+                    f"out must differ from the folder of the frames, got {folder}."
                 )
         names = [f"{file.stem}.png" for file in frames.files]
-        if len(ids) == 1:
-            return {out: former_frames(out, names)}
-        folders = [out / id.replace(":", "_") for id in ids]
-        return {out: []} | {folder: former_frames(folder, names) for folder in folders}
+        former = {folder: former_frames(folder, names) for folder in folders}
+        return {out: []} | former
 
     def _viewing(
         self, console: rich.console.Console, frames: FrameFiles, size: tuple[int, int]

@@ -9,9 +9,9 @@ from ..head_motion import Trace
 from ..simulation.pose_fit import INVERTED, WITHOUT, PoseFit
 from .frame_files import FrameFiles
 
-_STEPS_S = (5e-4, 0.2)  # of frames whose numbers are times
+_TIMES = {1: (5e-4, 0.2), 10**6: (500, 2e5), 10**9: (5e5, 2e8)}
+"""Steps between frames whose numbers are times, by the parts of a second they count."""
 _GAP_FRAMES = 3.5  # nothing is interpolated across a longer step, as in `Trace`
-_ROUNDING_S = 1e-6  # of times
 _CAUSES = {
     INVERTED: "inverted quaternions: they must be world from head",
     "axes": "the other axes: --axes {other}",
@@ -30,7 +30,8 @@ def aligned(
 ) -> Trace:
     """Return a pose per frame.
 
-    - By time, if frames are named by times, s, 0.5 ms to 0.2 s apart, within the log.
+    - By time, if frames are named by times within the log: s, us or ns, 0.5 ms to 0.2 s
+      apart. Logs in other units than s count from their first row.
     - From `first_row` on, from 1: row by row, or by time where frames are named by
       times or `refresh_hz` is not the log's rate within 2 %.
     - Row by row, if there are as many rows as frames, or as many as numbers from the
@@ -41,7 +42,9 @@ def aligned(
     """
     count, rows, places = len(frames.files), len(trace.t_s), frames.places
     times = np.array(frames.numbers, float)
-    is_timed = _STEPS_S[0] <= np.median(np.diff(times)) <= _STEPS_S[1]
+    step = np.median(np.diff(times))
+    units = [unit for unit, (low, high) in _TIMES.items() if low <= step <= high]
+    times, is_timed = times / (units or [1])[0], bool(units)
     if first_row is not None:
         if not 1 <= first_row <= rows:
             raise ValueError(f"first_row must lie in [1, {rows}], got {first_row}.")
@@ -51,7 +54,7 @@ def aligned(
         if refresh_hz and abs(refresh_hz / trace.rate_hz - 1) > 0.02:
             return _at(trace, trace.t_s[start] + row / refresh_hz)
         row = start + row
-    elif is_timed and trace.t_s[0] <= times[0] and times[-1] <= trace.t_s[-1]:
+    elif is_timed and np.allclose(times, _within(trace, times), 0, trace.frame_s / 2):
         return _at(trace, times)
     elif rows == count:
         row = np.arange(count)
@@ -61,7 +64,7 @@ def aligned(
         raise ValueError(
             f"{trace.name}: must have one row per frame: {count} frames in "
             f"{frames.folder}, {rows} rows. Of a longer log name the first frame's row "
-            "by first_row (--first-row), or name frames by its times, s."
+            "by first_row (--first-row), or name frames by its times in s."
         )
     if row[-1] >= rows:
         raise ValueError(
@@ -72,13 +75,13 @@ def aligned(
 
 def _at(trace: Trace, times: np.ndarray) -> Trace:
     """Poses at times within a log, on the shorter arcs; none across a gap."""
-    if times[-1] > trace.t_s[-1] + _ROUNDING_S:
+    if times[-1] > trace.t_s[-1] + trace.frame_s / 2:
         raise ValueError(
             f"{trace.name}: must reach the last frame, at {times[-1]:.6f} s, ends at "
             f"{trace.t_s[-1]:.6f} s."
         )
-    times = np.minimum(times, trace.t_s[-1])
-    after = np.clip(np.searchsorted(trace.t_s, times), 1, len(trace.t_s) - 1)
+    inside = _within(trace, times)
+    after = np.clip(np.searchsorted(trace.t_s, inside), 1, len(trace.t_s) - 1)
     steps = trace.t_s[after] - trace.t_s[after - 1]
     for frame in np.flatnonzero(steps > _GAP_FRAMES * trace.frame_s)[:1]:
         raise ValueError(
@@ -86,8 +89,13 @@ def _at(trace: Trace, times: np.ndarray) -> Trace:
             f"{steps[frame]:.4g} s at {times[frame]:.6f} s."
         )
     heads = Rotation.from_quat(trace.world_from_head, scalar_first=True)
-    poses = Slerp(trace.t_s - trace.t_s[0], heads)(times - trace.t_s[0])
+    poses = Slerp(trace.t_s - trace.t_s[0], heads)(inside - trace.t_s[0])
     return Trace(times, poses.as_quat(scalar_first=True), name=trace.name)
+
+
+def _within(trace: Trace, times: np.ndarray) -> np.ndarray:
+    """Take a log's ends for times beyond these."""
+    return np.clip(times, trace.t_s[0], trace.t_s[-1])
 
 
 def said(fit: PoseFit, axes: str) -> Iterator[str]:
