@@ -282,12 +282,14 @@ def test_pictures_that_apply_has_not_made_stay(run, frames, tmp_path):
     np.testing.assert_array_equal(shown(others), codes())
 
 
-def test_a_full_disk_leaves_nothing(run, frames, tmp_path, monkeypatch):
+@pytest.mark.parametrize("names_file", [False, True])
+def test_a_full_disk_leaves_nothing(run, frames, tmp_path, monkeypatch, names_file):
     save, saved = PIL.Image.Image.save, []
 
     def full(image, path, **options):
         if len(saved) == 3:
-            raise OSError(errno.ENOSPC, "No space left on device")
+            name = [str(path)] * names_file
+            raise OSError(errno.ENOSPC, "No space left on device", *name)
         saved.append(path)
         save(image, path, **options)
 

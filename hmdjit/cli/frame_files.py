@@ -155,20 +155,13 @@ def codes(picture: Picture) -> Codes:
 
 
 def write_png(path: Path, picture: Codes) -> None:
-    """Write a PNG that says who made it.
-
-    **Errors:** `OSError` naming the folder that displayed frames are for.
-    """
+    """Write a PNG that says who made it."""
     import PIL.Image
     import PIL.PngImagePlugin
 
     made_by = PIL.PngImagePlugin.PngInfo()
     made_by.add_text("Software", _MADE_BY)
-    try:
-        PIL.Image.fromarray(picture).save(path, format="PNG", pnginfo=made_by)
-    except OSError as error:
-        folder = str(path.parents[1])
-        raise OSError(error.errno, error.strerror or str(error), folder) from error
+    PIL.Image.fromarray(picture).save(path, format="PNG", pnginfo=made_by)
 
 
 def _is_ours(path: Path) -> bool:
@@ -197,7 +190,10 @@ def former_frames(folder: Path, names: Iterable[str]) -> list[Path]:
 
 @contextlib.contextmanager
 def replaced(folder: Path, former: Iterable[Path]) -> Iterator[Path]:
-    """Give a folder for new files: they replace former ones when all are written."""
+    """Give a folder for new files: they replace former ones when all are written.
+
+    **Errors:** `OSError` names the folder, never the unfinished one, as of a full disk.
+    """
     is_new = not folder.exists()
     unfinished = folder / f".{os.getpid()}.part"
     try:
@@ -208,6 +204,11 @@ def replaced(folder: Path, former: Iterable[Path]) -> Iterator[Path]:
             os.replace(unfinished / file.name, file)
         for file in set(former) - set(new):
             file.unlink()
+    except OSError as error:
+        name = error.filename
+        if name is not None and not Path(name).is_relative_to(unfinished):
+            raise
+        raise OSError(error.errno, error.strerror, str(folder)) from error
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
         if is_new:  # and empty, if something went wrong
