@@ -57,6 +57,8 @@ class ApplyCommand(PoseLog):
 
     Prints the MTCD of what is displayed and of the 8-bit PNGs written, the camera, and
     whether the poses fit: reprojection by them must bring each frame onto the last.
+    Frames go by the number in their names, with its fraction; alpha is ignored. Former
+    displayed frames in the same folder are replaced, other pictures never.
     """
 
     technique: Annotated[
@@ -205,7 +207,7 @@ class ApplyCommand(PoseLog):
                 )
         names = [f"{file.stem}.png" for file in frames.files]
         former = {folder: former_frames(folder, names) for folder in folders}
-        return {out: []} | former
+        return {out: former_frames(out, ())} | former
 
     def _viewing(
         self, console: rich.console.Console, frames: FrameFiles, size: tuple[int, int]
