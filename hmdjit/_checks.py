@@ -67,15 +67,18 @@ def colors(name: str, values: Any) -> jax.Array:
     """Gamma colours as floats in `[0, 1]`: codes of 8 or 16 bits by 255 or 65535.
 
     **Errors:** `ValueError` for any other dtype that is not floating, and for floats
-    outside `[0, 1]` by more than half a code value of 8 bits; NaN and what is being
-    traced pass.
+    outside `[0, 1]` by more than half a code value of 8 bits; what is not finite or is
+    being traced passes.
     """
     values = values if isinstance(values, jax.Array) else np.asarray(values)
     if values.dtype in (np.uint8, np.uint16):
         return jnp.asarray(values, float) / float(jnp.iinfo(values.dtype).max)
     floating(name, values, "uint8, uint16 or floating in [0, 1]")
-    if values.size and not is_traced(values):
-        low, high = float(values.min()), float(values.max())
+    if not is_traced(values):
+        known = np.asarray(values)
+        finite = np.isfinite(known)
+        low = float(known.min(initial=0, where=finite))
+        high = float(known.max(initial=0, where=finite))
         if low < -0.5 / 255 or high > 1 + 0.5 / 255:
             raise ValueError(
                 f"{name} must lie in [0, 1], "

@@ -59,12 +59,54 @@ def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, me
     assert "\n" not in str(error.value)
 
 
-def test_frames_of_whole_numbers_are_refused(untyped):
-    frames = np.zeros((FRAMES, *SIZE), np.uint8)
-    with pytest.raises(
-        ValueError, match=r"^frames must be floats in \[0, 1\], got uint8"
-    ):
-        hj.apply(NoAntialiasing(), CAMERA, jnp.asarray(frames), STILL)
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (np.full((FRAMES, *SIZE), 2.0), r"float64 from 0 to 2"),
+        (255 * np.eye(3)[[[[0] * 24] * 18] * 8], r"float64 from 0 to 255"),
+        (np.full((FRAMES, *SIZE), -0.5, np.float16), r"float16 from -0.5 to 0"),
+        (np.array([np.nan, 255.0] * 9)[:, None, None, None], r"float64 from 0 to 255"),
+        (np.zeros((FRAMES, *SIZE), np.int32), r"int32"),
+    ],
+    ids=["2", "0..255", "-1..1", "NaN and 255", "int32"],
+)
+def test_frames_of_another_range_or_dtype_are_refused(untyped, frames, message):
+    message = rf"^frames must .*in \[0, 1\], got {message}"
+    with pytest.raises(ValueError, match=message):
+        hj.apply(NoAntialiasing(), CAMERA, frames, STILL)
+
+
+def _shown(frames, rng):
+    return hj.apply(HeadMovement(), CAMERA, frames, path(rng))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_are_taken_by_their_largest(rng, dtype):
+    codes = rng.integers(0, 256, (FRAMES, *SIZE)).astype(dtype)
+    ours, theirs = (
+        _shown(f, np.random.default_rng(3))
+        for f in (codes, codes / float(np.iinfo(dtype).max))
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float16, jnp.bfloat16])
+def test_short_floats_have_a_history_in_single_precision(rng, dtype):
+    frames = jnp.asarray(rng.random((FRAMES, *SIZE)), dtype)
+    ours, theirs = (
+        _shown(f, np.random.default_rng(3))
+        for f in (frames, frames.astype(jnp.float32))
+    )
+    assert ours.dtype == jnp.float32
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_stream_without_poses_knows_what_needs_them(rng):
+    frames = rng.random((FRAMES, *SIZE)).astype(np.float32)
+    shown = list(clips.stream(Freeze(), CAMERA, iter(frames), None))
+    np.testing.assert_array_equal(np.stack(shown), np.stack([frames[0]] * FRAMES))
+    with pytest.raises(ValueError, match=r"^head_movement needs poses, got none\.$"):
+        next(clips.stream(HeadMovement(), CAMERA, iter(frames), None))
 
 
 @pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])

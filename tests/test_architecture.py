@@ -47,8 +47,11 @@ LINES = [
 # In a folder, members import the members of earlier steps; `*` is every other name.
 FOLDERS = {
     "head_motion": [
-        ("discretisation", "parameters", "trace_formats"),
-        ("components", "presets", "trace"),
+        ("discretisation", "parameters", "trace_clock", "trace_columns"),
+        ("components", "presets", "trace_notes", "trace_table"),
+        ("trace_log",),
+        ("trace_formats",),
+        ("trace",),
         ("sampling", "laws"),
         ("process", "replay"),
     ],
@@ -75,7 +78,7 @@ FOLDERS = {
         ("registry",),
     ],
     "simulation": [
-        ("blocks", "sharding", "apply"),
+        ("blocks", "sharding", "apply", "pose_fit"),
         ("halo", "views"),
         ("session",),
         ("simulate",),
@@ -113,7 +116,13 @@ FOLDERS = {
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
-    "cli": [("options", "progress"), ("definition",), ("*",), ("main",)],
+    "cli": [
+        ("options", "progress"),
+        ("definition", "frame_files"),
+        ("frame_poses",),
+        ("*",),
+        ("main",),
+    ],
 }
 
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "misc", "common", "core", "manager"}

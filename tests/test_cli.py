@@ -30,14 +30,6 @@ def _poses_file(path, rows=8, rate_hz=60.0):
     return path
 
 
-def _frames_folder(folder, rng, count=8, size=(24, 32)):
-    folder.mkdir()
-    for k in range(count):
-        picture = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
-        PIL.Image.fromarray(picture).save(folder / f"frame_{k:03}.png")
-    return folder
-
-
 @pytest.mark.slow
 def test_a_study_writes_all_its_files_and_prints_its_table(tmp_path, capsys):
     assert cli.run([*SMALL, "--out", str(tmp_path / "out")]) == 0
@@ -132,27 +124,6 @@ def test_the_help_names_the_choice(capsys):
     assert "--omit-failed" in capsys.readouterr().out
 
 
-def test_apply_shows_what_the_api_shows(tmp_path, rng, capsys):
-    frames = _frames_folder(tmp_path / "frames", rng)
-    poses = _poses_file(tmp_path / "poses.csv")
-    out = tmp_path / "shown"
-    arguments = ["apply", "head_movement", str(frames), str(poses), "--out", str(out)]
-    assert cli.run(arguments) == 0
-    assert "MTCD before" in capsys.readouterr().out
-
-    pictures = [np.asarray(PIL.Image.open(f)) for f in sorted(frames.iterdir())]
-    trace = hj.Trace.read(poses)
-    expected = hj.apply(
-        hj.techniques.HeadMovement(),
-        hj.Camera(32, 24, 96.0, trace.rate_hz),
-        np.stack(pictures).astype(np.float32) / 255,
-        trace.world_from_head,
-    )
-    shown = np.stack([np.asarray(PIL.Image.open(f)) for f in sorted(out.iterdir())])
-    # Half a code value of rounding, and 1e-5 where the value lies on the border.
-    assert np.abs(shown - 255 * np.asarray(expected)).max() < 0.5 + 255e-5
-
-
 WRONG_STUDIES = [
     (["--images", "{text}"], r"notes.png"),
     (["--images", "{missing}"], r"missing.png"),
@@ -231,30 +202,6 @@ def test_wrong_studies_end_in_one_clear_line(
     assert "\n" not in error
     assert re.search(message, error), error
     assert set(tmp_path.rglob("*")) == before  # nothing half-written
-
-
-def test_wrong_frames_end_in_one_clear_line(tmp_path, rng, capsys):
-    frames = _frames_folder(tmp_path / "frames", rng)
-    short = _poses_file(tmp_path / "short.csv", rows=5)
-    good = _poses_file(tmp_path / "good.csv")
-    (tmp_path / "empty").mkdir()
-    cases = [
-        (["head_movement", frames, short], "8 frames .* 5 rows"),
-        (["head_movement", tmp_path / "empty", good], "at least 2 numbered PNG frames"),
-        (["head_movement", tmp_path / "none", good], "must be a folder of numbered"),
-        (["ssaa2", frames, good], "4 samples per pixel for ssaa2, got 1"),
-        (["taa", frames, good], "technique must be one of"),
-        (["none", frames, good, "--out", frames], "must differ from the folder"),
-        (["none", frames, good, "--fov", "0"], r"fov_deg must lie in \(0, 180\)"),
-    ]
-    out = ["--out", tmp_path / "shown"]
-    for arguments, message in cases:
-        given = arguments if "--out" in arguments else [*arguments, *out]
-        assert cli.run(["apply", *map(str, given)]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1
-        assert re.search(message, error), error
-    assert not list((tmp_path / "shown").glob("*.png"))
 
 
 @pytest.mark.slow

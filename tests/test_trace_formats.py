@@ -325,8 +325,8 @@ LOG = '{"time": 0.1, "q": [0, 0, 0, 1]}\n{"time": 0.2, "q": [0, 0, 0, 1]}\n'
          "'t,yaw,pitch'."),
         ("t,x,y,z,qx,qy,qz\n0,1,2\n", "line 1, column qw: is missing; the header is "
          "'t,x,y,z,qx,qy,qz'."),
-        ("t,yaw_rad,pitch_rad,roll_rad\n", "line 1, column qw: is missing; the header "
-         "is 't,yaw_rad,pitch_rad,roll_rad'."),
+        ("t,yaw_rad,pitch_deg,roll_rad\n", "line 1, column pitch: is missing; the "
+         "header is 't,yaw_rad,pitch_deg,roll_rad'."),
         ("t_s,time,qw,qx,qy,qz\n", "line 1, columns t_s and time: either could be "
          "meant; choose by the option columns."),
         ("t,qw,qx,qy,qz,Q_W\n", "line 1, columns qw and Q_W: either could be meant; "
@@ -375,7 +375,7 @@ LOG = '{"time": 0.1, "q": [0, 0, 0, 1]}\n{"time": 0.2, "q": [0, 0, 0, 1]}\n'
         (LOG + '{"time": 0.3, "q": [0, 0,', "line 3: must be a JSON object, got "
          "'{\"time\": 0.3, \"q\": [0, 0,'."),
         (LOG + "\n" + LOG, "line 3: must be a JSON object, got ''."),
-        (LOG + "7\n", "line 3, column time: is missing."),
+        (LOG + "7\n", "line 3: must be a JSON object, got '7'."),
         (LOG + '{"time": 0.3, "q": [0, 0, 1]}\n', "line 3, column q.w: is missing."),
         (LOG + '{"time": 0.3, "q": null}\n', "line 3, column q.w: is missing."),
         (LOG + '{"time": "now", "q": [0, 0, 0, 1]}\n', "line 3, column time: must be a "

@@ -1,115 +1,291 @@
-"""The command line's `hmdjit apply`: a technique on rendered frames."""
+"""The command line's `hmdjit apply`: techniques on rendered frames."""
 
+import contextlib
 import dataclasses
-import re
-import shutil
-import tempfile
-from collections.abc import Iterator
+import itertools
+import math
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import rich.console
 import rich.progress
 import tyro
+from jaxtyping import Float
 
-from .. import metrics, scenes, techniques
+from .. import _checks, metrics, techniques
+from .._files import write_csv
 from ..camera import Camera
-from ..head_motion import Trace
-from ..metrics.mtcd import CODE_VALUES
+from ..color import CODE_VALUES
+from ..reports import tables
 from ..simulation import apply as clips
-from .options import OK, check_can_write
+from ..simulation.pose_fit import PoseFit
+from .frame_files import (
+    Codes,
+    FrameFiles,
+    Picture,
+    codes,
+    former_frames,
+    replaced,
+    write_png,
+)
+from .frame_poses import aligned, said
+from .options import OK, PoseLog, check_can_write, shown
+
+_FOV_DEG = 96.0
+Poses = Float[np.ndarray, "frames 4"]
+_OUT = Path("hmdjit-displayed")
+_FRAMES = "frames, before"
+_HEADERS = {
+    "mtcd": "MTCD",
+    "mtcd_ratio": "ratio",
+    "mtcd_8_bit": "8-bit MTCD",
+    "mtcd_8_bit_ratio": "8-bit ratio",
+    "detail_loss": "detail loss",
+}
+_TABLE_WIDTH = 76
+_CAPTION = (
+    "MTCD in code values, of what is displayed, unquantised; 8-bit MTCD of the PNGs "
+    "that it is rounded to."
+)
 
 
-@dataclasses.dataclass(frozen=True)
-class ApplyCommand:
-    """Run a technique on rendered frames: numbered PNGs in, displayed PNGs out."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ApplyCommand(PoseLog):
+    """Run techniques on rendered frames: numbered PNGs in, displayed PNGs out.
 
-    technique: tyro.conf.Positional[str]
-    """Technique id, e.g. head_movement."""
-    frames_dir: tyro.conf.Positional[Path]
-    """Folder of numbered PNG frames, one per pose."""
-    poses: tyro.conf.Positional[Path]
-    """CSV of head poses, t_s,qw,qx,qy,qz, one row per frame."""
-    out: Path = Path("hmdjit-displayed")
-    """Folder for the displayed frames."""
-    fov: float = 96.0
-    """Horizontal field of view the frames were rendered with, deg."""
-    refresh: float | None = None
-    """Refresh rate, Hz (default: the poses' own)."""
+    Prints the MTCD of what is displayed and of the 8-bit PNGs written, the camera, and
+    whether the poses fit: reprojection by them must bring each frame onto the last.
+    Frames go by the number in their names, with its fraction; alpha is ignored. Former
+    displayed frames in the same folder are replaced, other pictures never.
+    """
+
+    technique: Annotated[
+        tyro.conf.Positional[str],
+        shown("TECHNIQUE", "Technique's id, e.g. head_movement."),
+    ]
+    frames_dir: Annotated[
+        tyro.conf.Positional[Path],
+        shown("FRAMES_DIR", "Folder of numbered frames, PNG or JPEG."),
+    ]
+    poses: Annotated[
+        tyro.conf.Positional[Path | None],
+        shown(
+            "[POSES.csv]",
+            "Log of head poses, t_s,qw,qx,qy,qz: a row per frame, or times that frames "
+            "are named by. Without it only techniques that need none.",
+        ),
+    ] = None
+    techniques: Annotated[
+        tuple[str, ...] | None,
+        shown("ID...", "Further techniques, for the same table."),
+    ] = None
+    out: Annotated[
+        Path | None,
+        shown(
+            "DIR",
+            "Folder for displayed frames, one in it per technique if there are several "
+            f"(default: {_OUT}, with poses).",
+        ),
+    ] = None
+    csv: Annotated[Path | None, shown("CSV", "File for the table.")] = None
+    reference: Annotated[
+        Path | None,
+        shown(
+            "DIR",
+            "Frames of the same numbers that detail loss is measured against, such as "
+            "SSAA 4x4 ones.",
+        ),
+    ] = None
+    warmup: Annotated[
+        int, shown("N", "Frames that are displayed but not measured (default: 0).")
+    ] = 0
+    fov: Annotated[
+        float | None,
+        shown(
+            "DEG",
+            "Horizontal field of view that frames were rendered with (default: "
+            f"{_FOV_DEG:g}).",
+        ),
+    ] = None
+    refresh: Annotated[
+        float | None, shown("HZ", "Refresh rate (default: the poses' own).")
+    ] = None
+    first_row: Annotated[
+        int | None,
+        shown(
+            "ROW",
+            "The first frame's row, from 1, of a log that is longer; of one at another "
+            "rate than --refresh, frames then have their poses by time.",
+        ),
+    ] = None
+    alpha: Annotated[
+        bool, shown("", "Lay frames on black by their alpha, else ignored.")
+    ] = False
 
     def run(self, console: rich.console.Console) -> int:
         """Show all frames, or write none."""
-        technique = techniques.by_id(self.technique)
-        trace = Trace.read(self.poses)
-        files = _numbered_frames(self.frames_dir)
-        if len(files) != len(trace.t_s):
+        chosen = [
+            techniques.by_id(id) for id in (self.technique, *(self.techniques or ()))
+        ]
+        ids = [technique.id for technique in chosen]
+        if len(set(ids)) < len(ids):
+            raise ValueError(f"techniques must all differ, got {', '.join(ids)}.")
+        frames = FrameFiles.of(self.frames_dir, not self.alpha)
+        _checks.whole("warmup", self.warmup, 0)
+        if len(frames.files) - self.warmup < 2:
             raise ValueError(
-                f"{self.poses}: must have one row per frame: {len(files)} frames in "
-                f"{self.frames_dir}, {len(trace.t_s)} rows."
+                f"{self.frames_dir}: must hold at least 2 frames after warmup = "
+                f"{self.warmup}, has {len(frames.files)}."
             )
-        height, width, _ = scenes.pictures.read_picture(files[0]).shape
-        rate = self.refresh if self.refresh is not None else trace.rate_hz
-        camera = Camera(width, height, self.fov, rate)
-        out = self.out
-        check_can_write(out)
-        if out.resolve() == self.frames_dir.resolve():
-            raise ValueError(
-                f"out must differ from the folder of the frames, got {out}."
+        folders = self._folders(frames, ids)
+        if self.csv is not None:
+            check_can_write(self.csv.parent)
+        for note in frames.notes():
+            console.out(note)
+        size = frames.size()
+        camera, poses = self._viewing(console, frames, size)
+        fit = None if poses is None else PoseFit(camera, poses)
+        references: Iterable[Picture | None] = itertools.repeat(None)
+        if self.reference is not None:
+            against = FrameFiles.of(self.reference, not self.alpha).like(frames)
+            references = against.pictures(size)
+        measured = {name: _Measured() for name in (_FRAMES, *ids)}
+
+        pictures, *copies = itertools.tee(frames.pictures(size), 1 + len(chosen))
+        streams = [
+            clips.stream(technique, camera, copy, poses)
+            for technique, copy in zip(chosen, copies, strict=True)
+        ]
+        clip = zip(frames.files, pictures, references, *streams, strict=False)
+        with contextlib.ExitStack() as stack:
+            unfinished = [
+                stack.enter_context(replaced(folder, former))
+                for folder, former in folders.items()
+            ][-len(chosen) :]
+            progress = rich.progress.track(
+                clip, ", ".join(ids), len(frames.files), console=console
             )
-
-        before, after = (metrics.Streamed(metrics.MTCD()) for _ in range(2))
-
-        def pictures() -> Iterator[np.ndarray]:
-            for file in rich.progress.track(files, technique.id, console=console):
-                picture = scenes.pictures.read_picture(file)
-                if picture.shape != (height, width, 3):
-                    raise ValueError(
-                        f"{file}: must be {width} x {height} px as the first frame, "
-                        f"got {picture.shape[1]} x {picture.shape[0]}."
-                    )
-                before.add(picture)
-                yield picture
-
-        poses = trace.world_from_head
-        displayed = clips.stream(technique, camera, pictures(), poses)
-        # All frames or none: they move to their folder when the last one is done.
-        with tempfile.TemporaryDirectory() as scratch:
-            for file, picture in zip(files, displayed, strict=True):
-                after.add(picture)
-                _write_png(Path(scratch) / file.name, picture)
-            out.mkdir(parents=True, exist_ok=True)
-            for file in files:
-                shutil.move(Path(scratch) / file.name, out / file.name)
-        console.out(
-            f"MTCD before {before.value:.3f}, after {after.value:.3f} code values "
-            f"(ratio {after.value / before.value:.3f})"
-            if before.value
-            else "MTCD 0 before: no flicker to remove"
-        )
-        console.out(f"Wrote {len(files)} displayed frames to {out}.")
+            for k, (file, picture, reference, *displayed) in enumerate(progress):
+                if fit is not None:
+                    fit.add(picture)
+                everything = [picture, *displayed]
+                rounded = [codes(picture) for picture in everything]
+                if k >= self.warmup:
+                    rows = zip(measured.values(), everything, rounded, strict=True)
+                    for row, exact, rough in rows:
+                        row.add(exact, rough, reference)
+                for folder, picture in zip(unfinished, rounded[1:], strict=False):
+                    write_png(folder / f"{file.stem}.png", picture)
+        if fit is not None:
+            for line in said(fit, self.axes or "openxr"):
+                console.out(line)
+        self._report(console, measured)
+        if folders:
+            *_, last = folders
+            out = last if len(ids) == 1 else last.parent
+            console.out(f"Wrote {len(frames.files)} displayed frames to {out}.")
         return OK
 
+    def _folders(self, frames: FrameFiles, ids: list[str]) -> dict[Path, list[Path]]:
+        """Folders to write to, and the former frames in each; the techniques' last."""
+        if self.out is None and self.poses is None:
+            return {}
+        out = self.out or _OUT
+        check_can_write(out)
+        folders = [out]
+        if len(ids) > 1:
+            folders = [out / id.replace(":", "_") for id in ids]
+        taken = [
+            folder.resolve() for folder in (self.frames_dir, self.reference) if folder
+        ]
+        for folder in folders:
+            if folder.resolve() in taken:
+                raise ValueError(
+                    f"out must differ from the folder of the frames, got {folder}."
+                )
+        names = [f"{file.stem}.png" for file in frames.files]
+        former = {folder: former_frames(folder, names) for folder in folders}
+        return {out: former_frames(out, ())} | former
 
-def _numbered_frames(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        raise ValueError(f"{folder}: must be a folder of numbered PNG frames.")
-    numbered = {}
-    for file in folder.iterdir():
-        digits = re.findall(r"\d+", file.stem)
-        if file.suffix.lower() == ".png" and digits:
-            number = int(digits[-1])
-            if number in numbered:
-                raise ValueError(f"{folder}: two frames have the number {number}.")
-            numbered[number] = file
-    if len(numbered) < 2:
-        raise ValueError(
-            f"{folder}: must hold at least 2 numbered PNG frames, has {len(numbered)}."
-        )
-    return [numbered[number] for number in sorted(numbered)]
+    def _viewing(
+        self, console: rich.console.Console, frames: FrameFiles, size: tuple[int, int]
+    ) -> tuple[Camera, Poses | None]:
+        """Camera, and a pose per frame; says what was given and what assumed."""
+        fov_deg, fov = _FOV_DEG, "assumed: --fov"
+        if self.fov is not None:
+            fov_deg, fov = self.fov, "as given"
+        if self.poses is None:
+            return Camera(*size, fov_deg, self.refresh or 60.0), None
+        trace = self.read_trace(self.poses)
+        notes = trace.notes
+        trace = aligned(trace, frames, self.first_row, self.refresh)
+        rate_hz, rate = trace.rate_hz, "of the poses"
+        if self.refresh is not None:
+            rate = f"as given; of the poses {rate_hz:.2f} Hz"
+            rate_hz = self.refresh
+        camera = Camera(*size, fov_deg, rate_hz)
+        for note in (
+            *notes,
+            f"Camera: {size[0]} x {size[1]} px, {fov_deg:g} deg wide ({fov}), "
+            f"{rate_hz:.2f} Hz ({rate}).",
+        ):
+            console.out(note)
+        return camera, trace.world_from_head
+
+    def _report(
+        self, console: rich.console.Console, measured: dict[str, "_Measured"]
+    ) -> None:
+        """Print the table, and write it where that was asked for."""
+        before = measured[_FRAMES]
+        rows = {name: row.values(before) for name, row in measured.items()}
+        lines = [
+            [name, *(tables.number(value, 3) for value in row.values())]
+            for name, row in rows.items()
+        ]
+        header = {"technique": tables.WORDS}
+        header |= {_HEADERS[key]: tables.READY for key in rows[_FRAMES]}
+        utf = console.encoding.lower().startswith("utf")
+        table = tables.table(header, lines, utf=utf)
+        console.print(table, width=max(console.width, _TABLE_WIDTH), crop=False)
+        loss = f" Detail loss: mean squared error to {self.reference}."
+        console.out(_CAPTION + (loss if self.reference is not None else ""))
+        if self.warmup:
+            console.out(f"The first {self.warmup} frames were displayed, not measured.")
+        if not before.mtcd.value:
+            console.out("MTCD 0 before: no flicker to remove.")
+        if self.csv is not None:
+            named = [{"technique": name} | row for name, row in rows.items()]
+            console.out(f"Wrote {write_csv(self.csv, named)}.")
 
 
-def _write_png(path: Path, picture: np.ndarray) -> None:
-    import PIL.Image
+class _Measured:
+    """What is measured of a clip, displayed and written to files."""
 
-    codes = np.floor(CODE_VALUES * np.clip(picture, 0, 1) + 0.5).astype(np.uint8)
-    PIL.Image.fromarray(codes).save(path, format="PNG")
+    def __init__(self):
+        self.mtcd = metrics.Streamed(metrics.MTCD())
+        self.mtcd_8_bit = metrics.Streamed(metrics.MTCD())
+        self.detail_loss = metrics.Streamed(metrics.DetailLoss())
+
+    def add(self, picture: Picture, rounded: Codes, reference: Picture | None) -> None:
+        """Take in the next picture, also as it is rounded for its file."""
+        self.mtcd.add(picture)
+        self.mtcd_8_bit.add(rounded.astype(np.float32) / CODE_VALUES)
+        if reference is not None:
+            self.detail_loss.add(picture, reference)
+
+    def values(self, before: "_Measured") -> dict[str, float]:
+        """Return the metrics, and their ratios to those of the frames before."""
+        found = {
+            "mtcd": self.mtcd.value,
+            "mtcd_ratio": _ratio(self.mtcd, before.mtcd),
+            "mtcd_8_bit": self.mtcd_8_bit.value,
+            "mtcd_8_bit_ratio": _ratio(self.mtcd_8_bit, before.mtcd_8_bit),
+        }
+        loss = self.detail_loss.value
+        return found if math.isnan(loss) else found | {"detail_loss": loss}
+
+
+def _ratio(one: metrics.Streamed, other: metrics.Streamed) -> float:
+    return one.value / other.value if other.value else math.nan

@@ -12,7 +12,7 @@ from typing import Any
 
 from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
-from ..head_motion import HeadMotion, Trace
+from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
 from ..scenes.base import AbstractScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
@@ -21,7 +21,7 @@ from ..studies.study import Study, check_seed
 from ..techniques import curve_file
 from ..techniques.base import AbstractTechnique
 from .options import HEAD as HEAD
-from .options import TECHNIQUES
+from .options import TECHNIQUES, PoseLog
 from .options import Options as Options
 
 Tables = Mapping[str, Mapping[str, Any]]
@@ -208,6 +208,9 @@ def head_model(head: str) -> HeadMotion:
 
 def _head(options: Options) -> HeadMotion | Replay:
     if not options.trace:
+        for field in dataclasses.fields(PoseLog):
+            if getattr(options, field.name):
+                raise ValueError(f"{field.name} is of recorded heads: name a trace.")
         return head_model(options.head or HEAD)
-    traces = tuple(Trace.read(path) for path in options.trace)
+    traces = tuple(options.read_trace(path) for path in options.trace)
     return Replay(traces, rate_hz=options.refresh)

@@ -17,36 +17,26 @@ from ..figures.drawing import save
 from ..head_fitting import fitting, spectra, statistics
 from ..head_fitting.statistics import Goodness
 from ..head_motion import HeadMotion, Trace, presets
+from ..head_motion.trace_clock import RATES_HZ
 from ..reports import head as head_report
 from ..studies.sessions import study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
-from .options import OK, files_beside, shown
+from .options import OK, PoseLog, files_beside, shown
 
-_RATES_HZ = (5.0, 2000.0)
 _MOST_FRAMES = 10**7
 _DRAWS = 16  # of a model, beside each recording
 _MOST_DRAWN_FRAMES = 2 * 10**6  # of a model, beside a sample
 
 
 @dataclasses.dataclass(frozen=True)
-class Recordings:
+class Recordings(PoseLog):
     """Recordings, and how they are read."""
 
     traces: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
         shown("TRACE...", "Recorded heads: tables or pose logs."),
     ] = ()
-    axes: Annotated[
-        str, shown("NAME", "Axes of the poses: openxr (default) or unity.")
-    ] = "openxr"
-    time_unit: Annotated[
-        str | None, shown("UNIT", "s, ms, us or ns (default: what the header says).")
-    ] = None
-    columns: Annotated[
-        tuple[str, ...] | None,
-        shown("NAME...", "Names of the columns, - for others, instead of a header."),
-    ] = None
     max_speed: Annotated[
         float, shown("DEG/S", "RMS speed within 0.5 s that is still (default: 5).")
     ] = 5.0
@@ -55,14 +45,10 @@ class Recordings:
         """Read the traces, each once."""
         _checks.in_range("max_speed", self.max_speed, 0, open_low=True)
         console.out(f"Reading {len(self.traces)} recordings.")
-        traces = [
-            Trace.read(
-                path, columns=self.columns, time_unit=self.time_unit, axes=self.axes
-            )
-            for path in self.traces
-        ]
+        traces = [self.read_trace(path) for path in self.traces]
         for trace in traces:
-            _checks.in_range(f"{trace.name}: frame rate", trace.rate_hz, *_RATES_HZ)
+            for note in trace.notes:
+                console.out(note)
         return traces
 
     def still(
@@ -171,7 +157,7 @@ class Sample:
         (figure_file,) = files_beside(self.out, ".csv", ".png")
         head, rate_hz = head_model(self.model), self.rate
         check_seed(self.seed)
-        _checks.in_range("rate", rate_hz, *_RATES_HZ)
+        _checks.in_range("rate", rate_hz, *RATES_HZ)
         longest_s = _MOST_FRAMES / rate_hz
         _checks.in_range("seconds", self.seconds, spectra.WINDOW_S, longest_s)
         frames = round(self.seconds * rate_hz) + 1

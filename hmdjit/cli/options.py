@@ -2,12 +2,13 @@
 
 import dataclasses
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from ..head_motion import presets
+from ..head_motion import Trace, presets
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes; a bound that does not hold, and sessions that fail, have failed."""
@@ -40,8 +41,46 @@ Seed = Annotated[int, shown("N", "Seed of all random draws")]
 
 
 @dataclasses.dataclass(frozen=True)
-class Options:
-    """What can be said of a study; None, or False, keeps the default."""
+class PoseLog:
+    """How logs of poses are read, by every command that reads them."""
+
+    axes: Annotated[
+        str | None, shown("NAME", "Axes of recorded heads: openxr (default) or unity.")
+    ] = None
+    time_unit: Annotated[
+        str | None,
+        shown("UNIT", "Their times: s, ms, us, ns (default: what the header says)."),
+    ] = None
+    columns: Annotated[
+        tuple[str, ...] | None,
+        shown("NAME...", "Names of their columns, - for others, instead of a header."),
+    ] = None
+    skip_damaged: Annotated[
+        bool, shown("", "Leave out their damaged rows, at most 10 %, and count them.")
+    ] = False
+    skip_held: Annotated[
+        bool, shown("", "Leave out their rows that repeat the pose before.")
+    ] = False
+
+    def read_trace(self, path: Path) -> Trace:
+        """Read a log of a rate that may be; the user must be told its `notes`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # they are among the notes
+            trace = Trace.read(
+                path,
+                columns=self.columns,
+                time_unit=self.time_unit,
+                axes=self.axes or "openxr",
+                skip_damaged=self.skip_damaged,
+                skip_held=self.skip_held,
+            )
+        trace.rate_hz  # noqa: B018  raises for a wrong unit of time
+        return trace
+
+
+@dataclasses.dataclass(frozen=True)
+class _StudyOptions:
+    """What can be said of a study but for how logs of poses are read."""
 
     images: Annotated[
         tuple[Path, ...] | None,
@@ -56,7 +95,7 @@ class Options:
     ] = None
     trace: Annotated[
         tuple[Path, ...] | None,
-        shown("CSV...", "Recorded heads (t_s,qw,qx,qy,qz) instead of the head model."),
+        shown("TRACE...", "Recorded heads (tables, pose logs), not the head model."),
     ] = None
     head: Head = None
     techniques: Annotated[
@@ -126,6 +165,11 @@ class Options:
         Path | None,
         shown("DIR", "Folder for everything written (default: hmdjit-study)."),
     ] = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Options(PoseLog, _StudyOptions):
+    """What can be said of a study; None, or False, keeps the default."""
 
     def said(self) -> dict[str, Any]:
         """Name what differs from the default."""

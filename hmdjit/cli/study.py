@@ -41,7 +41,8 @@ class StudyCommand(Options):
         check_can_write(out)
 
         camera = study.display
-        is_replay = isinstance(study.head, Replay)  # its windows are counted later
+        traces = study.head.traces if isinstance(study.head, Replay) else ()
+        is_replay = bool(traces)  # its windows are counted later
         sessions = f"{'at most ' if is_replay else ''}{study.sessions} sessions"
         if goal.tolerance is not None:
             sessions = (
@@ -49,6 +50,8 @@ class StudyCommand(Options):
             )
         elif goal.budget_s is not None:
             sessions = f"sessions for {goal.budget_s:g} s, each"
+        for note in [note for trace in traces for note in trace.notes]:
+            console.out(note)
         head = "" if is_replay else f"{options.head or HEAD}, "
         console.out(
             f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "

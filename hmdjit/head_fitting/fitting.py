@@ -16,7 +16,8 @@ from jaxtyping import Float64
 from .. import _checks
 from ..head_motion.parameters import AXES
 from ..head_motion.process import HeadMotion
-from ..head_motion.trace import Trace, shared_rate_hz
+from ..head_motion.replay import shared_rate_hz
+from ..head_motion.trace import Trace
 from . import errors, spectra, whittle
 from .spectra import Periodograms
 from .whittle import ORDERS, Search

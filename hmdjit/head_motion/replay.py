@@ -1,6 +1,7 @@
 """Recorded heads, cut into windows: replay."""
 
 import contextlib
+from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
@@ -8,7 +9,7 @@ from jaxtyping import Float64
 
 from .. import _checks
 from ..quaternion import rebase
-from .trace import Trace, shared_rate_hz
+from .trace import Trace
 
 
 class Replay(eqx.Module):
@@ -22,7 +23,8 @@ class Replay(eqx.Module):
     rate_hz: float | None = None
 
     def __check_init__(self):
-        if self.traces and self.rate_hz is not None:
+        rates = [trace.rate_hz for trace in self.traces]  # wrong ones raise
+        if rates and self.rate_hz is not None:
             _checks.in_range("rate_hz", self.rate_hz, 0, open_low=True)
         else:
             shared_rate_hz(self.traces, "; name a refresh rate to resample them")
@@ -60,3 +62,18 @@ class Replay(eqx.Module):
         windows = np.concatenate([block for block, _ in cut])
         subjects = [subject for block, subject in cut for _ in block]
         return np.stack([rebase(window) for window in windows]), subjects
+
+
+def shared_rate_hz(traces: Sequence[Trace], advice: str = "") -> float:
+    """Median frame rate of recordings, Hz; `ValueError` for none and mixed rates."""
+    if not traces:
+        raise ValueError("traces must name at least one recording, got none.")
+    rates = [trace.rate_hz for trace in traces]
+    median = float(np.median(rates))
+    for trace, rate in zip(traces, rates, strict=True):
+        if abs(rate / median - 1) > 0.02:
+            raise ValueError(
+                f"traces must share one rate within 2 %: {trace.name} has {rate:.2f} "
+                f"Hz, the median is {median:.2f} Hz{advice}."
+            )
+    return median

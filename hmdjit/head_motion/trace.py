@@ -3,8 +3,8 @@
 Traces are float64 NumPy: rounding belongs after re-basing to the first pose.
 """
 
-import itertools
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,15 +14,8 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.spatial.transform import Rotation, Slerp
 
 from .. import _checks
-from .._files import written_atomically
-from . import trace_formats
+from . import trace_clock, trace_formats, trace_notes
 
-_COLUMNS = ("t_s", "qw", "qx", "qy", "qz")
-_MAX_ROWS = 10**8  # 4 GB: a wrong rate must not eat the machine
-
-# An arc still bridges two lost frames (33 ms at 90 Hz). In more, a head's tremor turns
-# around and the arc would invent stillness. The half is for times that jitter.
-_GAP_FRAMES = 3.5
 _STILL_WINDOW_S = 0.5
 _ROUNDING = 1e-6  # of a count or a duration, s, made of rounded times
 
@@ -40,6 +33,7 @@ class Trace(eqx.Module):
     - `name`: what messages call this trace.
     - `frame_s`: median time step, s, of the whole that this trace was cut from. A step
       above 3.5 of it is a *gap*: one or two lost frames are bridged, more never.
+    - `remarks`: sentences on what was assumed or left out when its file was read.
 
     **Errors:** `ValueError` naming the row (from 1), the rule and the value.
     """
@@ -49,6 +43,7 @@ class Trace(eqx.Module):
     subject: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
     frame_s: float
+    remarks: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -57,6 +52,7 @@ class Trace(eqx.Module):
         *,
         subject: str = "unknown",
         name: str = "trace",
+        remarks: Sequence[str] = (),
     ):
         t_s = np.array(t_s, np.float64)
         world_from_head = np.array(world_from_head, np.float64)
@@ -65,16 +61,14 @@ class Trace(eqx.Module):
                 f"{name}: t_s must have shape (rows,) and world_from_head (rows, 4), "
                 f"got {t_s.shape} and {world_from_head.shape}."
             )
-        _check_numbers(name, t_s, world_from_head)
-        where = lambda row: f"{name}, row {row + 1}"
-        trace_formats.check_lengths(where, "qw,qx,qy,qz", world_from_head)
+        trace_formats.check(name, t_s, world_from_head)
         world_from_head /= np.linalg.norm(world_from_head, axis=1, keepdims=True)
         flips = np.sum(world_from_head[1:] * world_from_head[:-1], axis=1) < 0
         world_from_head[1:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
         t_s.setflags(write=False)
         world_from_head.setflags(write=False)
         self.t_s, self.world_from_head = t_s, world_from_head
-        self.subject, self.name = subject, name
+        self.subject, self.name, self.remarks = subject, name, tuple(remarks)
         self.frame_s = float(np.median(np.diff(t_s)))
 
     @classmethod
@@ -86,8 +80,10 @@ class Trace(eqx.Module):
         columns: Sequence[str] | None = None,
         time_unit: str | None = None,
         axes: str = "openxr",
+        skip_damaged: bool = False,
+        skip_held: bool = False,
     ) -> "Trace":
-        """Read a table with a header, or a log of poses as JSON lines.
+        """Read a table with a header, or a log of poses in JSON.
 
         Tables have commas, semicolons, tabs or blanks between fields, and decimal
         points or commas. Columns in any order and case; others are skipped:
@@ -95,9 +91,11 @@ class Trace(eqx.Module):
         - time: `t`, `time`, `timestamp`, ... alone or with its unit (`t_s`, `time_ms`);
           s are kept as recorded, other units count from the first row;
         - `qw`, `qx`, `qy`, `qz`; or `w`, ...; `rot_w`, ...; `orientation.w`, ...;
-        - or `pitch`, `yaw`, `roll`: degrees about x, y, z, for `q_yaw q_pitch q_roll`.
+        - or `pitch`, `yaw`, `roll`: degrees (radians: `pitch_rad`, ...) about x, y, z,
+          for `q_yaw q_pitch q_roll`.
 
-        Logs have such keys, nested or not; a list is `[x, y, z, w]`.
+        Logs are samples, one a line or in an array, with such keys, nested or not; a
+        list is `[x, y, z, w]`. Matrices are not read.
 
         **Arguments:**
 
@@ -110,20 +108,28 @@ class Trace(eqx.Module):
           names, else the one that makes the median step one of 5 to 2000 Hz.
         - `axes`: `openxr` (x right, y up, z back; WebXR too) or `unity` (left-handed,
           z forward).
+        - `skip_damaged`: leave out comments, and rows that are cut, that are no numbers
+          or whose time or length is wrong: at most 10 % of all; `notes` count them.
+        - `skip_held`: leave out held rows, see `without_held`.
 
         **Errors:** `ValueError`, one line: file, line (from 1), column, rule, value.
+        Warns of held poses.
         """
         path = Path(path)
         subject = subject or "_".join(path.stem.split("_")[:2])
-        rows = trace_formats.read(path, columns, time_unit, axes)
-        return cls(*rows, subject=subject, name=path.name)
+        t_s, poses, remarks = trace_formats.read(
+            path, columns, time_unit, axes, skip_damaged=skip_damaged
+        )
+        trace = cls(t_s, poses, subject=subject, name=path.name, remarks=remarks)
+        if skip_held:
+            return trace.without_held()
+        if trace_notes.is_held(trace.world_from_head):
+            warnings.warn(trace.notes[-1], stacklevel=2)
+        return trace
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a trace file that `read` turns into the same numbers."""
-        rows = np.column_stack([self.t_s, self.world_from_head]).tolist()
-        lines = [",".join(_COLUMNS), *(",".join(map(repr, row)) for row in rows), ""]
-        with written_atomically(path) as unfinished:
-            unfinished.write_text("\n".join(lines), encoding="utf-8", newline="\n")
+        trace_formats.write(path, self.t_s, self.world_from_head)
 
     @property
     def duration_s(self) -> float:
@@ -134,27 +140,46 @@ class Trace(eqx.Module):
     def frame_numbers(self) -> Int64[np.ndarray, " rows"]:
         """Frame of each row, from 0 and rising: steps rounded to frames, summed.
 
-        A row so late that the next one has its number takes the number before.
+        A row so late that the next one has its number takes the number before; where
+        times are rounded to about a frame and none is lost, rows are counted.
         """
-        with np.errstate(over="ignore"):
-            frames = np.minimum(np.rint(np.diff(self.t_s) / self.frame_s), _MAX_ROWS)
-        rows = np.arange(len(self.t_s))
-        ahead = np.concatenate([[0], np.cumsum(frames.astype(np.int64))]) - rows
-        numbers = rows + np.minimum.accumulate(ahead[::-1])[::-1]
-        return numbers - numbers[0]
+        return trace_clock.frame_numbers(self.t_s, self.frame_s)
 
     @property
     def rate_hz(self) -> float:
         """Frames per second by `frame_numbers`, Hz; gaps are left out.
 
-        Right for lost frames, jitter, times rounded to 1 ms (60 Hz: a median of 17 ms).
+        Right for lost frames, for jitter, and for rounded times (60 Hz in ms: a median
+        of 17; 90 Hz in hundredths of a second) while no frame is lost.
+
+        **Errors:** `ValueError` outside 5 to 2,000 Hz, as of milliseconds taken for s.
         """
-        inside, frames = ~self._gaps, np.diff(self.frame_numbers)
-        return float(np.sum(frames[inside]) / np.sum(np.diff(self.t_s)[inside]))
+        return trace_clock.rate_hz(self.name, self.t_s, self.frame_s)
 
     @property
     def _gaps(self) -> Bool[np.ndarray, " steps"]:
-        return np.diff(self.t_s) > _GAP_FRAMES * self.frame_s
+        return trace_clock.gaps(self.t_s, self.frame_s)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user: `remarks`, rounded times, held poses."""
+        rows = self.t_s, self.world_from_head
+        return (*self.remarks, *trace_notes.of(self.name, *rows, self.frame_s))
+
+    def without_held(self) -> "Trace":
+        """Leave out rows that repeat the pose before them: a tracker's own rate.
+
+        **Errors:** `ValueError` when the pose never changes.
+        """
+        kept = np.append(True, ~trace_notes.held(self.world_from_head))
+        repeats = f"{np.count_nonzero(~kept)} of {len(kept)} rows"
+        return Trace(
+            self.t_s[kept],
+            self.world_from_head[kept],
+            subject=self.subject,
+            name=self.name,
+            remarks=(*self.remarks, f"{self.name}: left out {repeats} as held."),
+        )
 
     @property
     def _rotations(self) -> Rotation:
@@ -167,8 +192,8 @@ class Trace(eqx.Module):
 
     def parts(self) -> list["Trace"]:
         """Return the pieces between gaps that have at least 2 rows, as recorded."""
-        edges = [0, *(np.flatnonzero(self._gaps) + 1).tolist(), len(self.t_s)]
-        return [self._rows(a, b) for a, b in itertools.pairwise(edges) if b - a > 1]
+        parts = trace_clock.parts(self.t_s, self.frame_s)
+        return [self._rows(a, b) for a, b in parts if b - a > 1]
 
     def still_segments(
         self, max_speed_deg_s: float = 5.0, min_duration_s: float = 2.0
@@ -221,14 +246,15 @@ class Trace(eqx.Module):
                 f"{end - start:.4g} s at {start:.6g} s; resample its parts()."
             )
         # A last row that rounding put behind the trace's end still counts.
-        steps = np.floor(self.duration_s * rate_hz + _ROUNDING)
-        if not 1 <= steps < _MAX_ROWS:
+        times_s = trace_clock.even_times(self.t_s, self.frame_s) - self.t_s[0]
+        steps = np.floor(times_s[-1] * rate_hz + _ROUNDING)
+        if not 1 <= steps < trace_clock.MAX_ROWS:
             raise ValueError(
-                f"rate_hz must leave 2 to {_MAX_ROWS:g} rows of {self.name} "
+                f"rate_hz must leave 2 to {trace_clock.MAX_ROWS:g} rows of {self.name} "
                 f"({self.duration_s:g} s), got {rate_hz:g}."
             )
-        elapsed_s = np.minimum(np.arange(steps + 1) / rate_hz, self.duration_s)
-        along = Slerp(self.t_s - self.t_s[0], self._rotations)
+        elapsed_s = np.minimum(np.arange(steps + 1) / rate_hz, times_s[-1])
+        along = Slerp(times_s, self._rotations)
         poses = along(elapsed_s).as_quat(scalar_first=True)
         t_s = self.t_s[0] + elapsed_s
         return Trace(t_s, poses, subject=self.subject, name=self.name)
@@ -251,7 +277,10 @@ class Trace(eqx.Module):
         """
         _checks.whole("frames", frames, 2)
         parts = self.parts()
-        longest_s = max(np.max(np.diff(part.t_s)) for part in parts)
+        longest_s = max(
+            np.max(np.diff(trace_clock.even_times(part.t_s, self.frame_s)))
+            for part in parts
+        )
         if rate_hz is None and longest_s > 1.5 * self.frame_s:
             rate_hz = self.rate_hz
         if rate_hz is not None:
@@ -267,34 +296,3 @@ class Trace(eqx.Module):
             )
         whole = [head[: len(head) // frames * frames] for head in heads]
         return np.concatenate([head.reshape(-1, frames, 4) for head in whole])
-
-
-def _check_numbers(name: str, t_s: _Times, world_from_head: _Orientations) -> None:
-    if len(t_s) < 2:
-        raise ValueError(f"{name}: must have at least 2 rows, got {len(t_s)}.")
-    numbers = np.column_stack([t_s, world_from_head])
-    for row, column in np.argwhere(~(np.abs(numbers) < 1e100))[:1]:
-        raise ValueError(
-            f"{name}, row {row + 1}, column {_COLUMNS[column]}: must be a number below "
-            f"1e100, got {numbers[row, column]}."
-        )
-    for row in np.flatnonzero(~(t_s[1:] > t_s[:-1]))[:1] + 1:
-        raise ValueError(
-            f"{name}, row {row + 1}, column t_s: times must rise, got {t_s[row]} after "
-            f"{t_s[row - 1]}."
-        )
-
-
-def shared_rate_hz(traces: Sequence[Trace], advice: str = "") -> float:
-    """Median frame rate of recordings, Hz; `ValueError` for none and mixed rates."""
-    if not traces:
-        raise ValueError("traces must name at least one recording, got none.")
-    rates = [trace.rate_hz for trace in traces]
-    median = float(np.median(rates))
-    for trace, rate in zip(traces, rates, strict=True):
-        if abs(rate / median - 1) > 0.02:
-            raise ValueError(
-                f"traces must share one rate within 2 %: {trace.name} has {rate:.2f} "
-                f"Hz, the median is {median:.2f} Hz{advice}."
-            )
-    return median

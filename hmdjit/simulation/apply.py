@@ -6,8 +6,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Shaped
 
+from .. import _checks
 from .._types import Clip, Poses, Rgb
 from ..camera import Camera, Region
 from ..frames.frame import Frame
@@ -42,7 +43,7 @@ def _displayed(
 def apply(
     technique: AbstractTechnique,
     camera: Camera,
-    frames: Float[Array, "..."] | Float[np.ndarray, "..."],
+    frames: Shaped[Array | np.ndarray, "..."],
     poses: Poses | Float[np.ndarray, "frames 4"],
     *,
     static_mask: Bool[Array | np.ndarray, "frames height width"] | None = None,
@@ -52,8 +53,10 @@ def apply(
     **Arguments:**
 
     - `camera`: that the frames were rendered with; its size must be theirs.
-    - `frames`: gamma colour in `[0, 1]`, `(frames, height, width, 3)`; for techniques
-      that resolve several samples `(frames, samples, height, width, 3)`.
+    - `frames`: gamma colour, `(frames, height, width, 3)`; for techniques that resolve
+      several samples `(frames, samples, height, width, 3)`. Floating in `[0, 1]`, or
+      uint8 or uint16, whose largest code is 1. Shorter floats than float32 are computed
+      in float32, history and result included.
     - `poses`: `world_from_head` of each frame, `(frames, 4)`, unit length.
     - `static_mask`: True where the scene is static, `(frames, height, width)`.
 
@@ -61,11 +64,11 @@ def apply(
     is frame 0. NaN throughout if, inside compiled code, a pose is no unit quaternion or
     a number of the camera or of the technique is out of its range.
 
-    **Errors:** `ValueError` if sizes, numbers of frames or of samples disagree.
+    **Errors:** `ValueError` if sizes, numbers of frames or of samples disagree, or for
+    frames of any other dtype or range.
     """
-    frames = jnp.asarray(frames)
-    if not jnp.issubdtype(frames.dtype, jnp.floating):
-        raise ValueError(f"frames must be floats in [0, 1], got {frames.dtype}.")
+    frames = _checks.colors("frames", frames)
+    frames = frames.astype(jnp.float32) if frames.dtype.itemsize < 4 else frames
     size = (camera.height_px, camera.width_px, 3)
     if frames.ndim not in (4, 5) or frames.shape[-3:] != size:
         raise ValueError(
@@ -114,31 +117,38 @@ def stream(
     technique: AbstractTechnique,
     camera: Camera,
     frames: Iterable[Float[np.ndarray, "height width 3"]],
-    poses: Float[np.ndarray, "frames 4"],
+    poses: Float[np.ndarray, "frames 4"] | None,
 ) -> Iterator[Float[np.ndarray, "height width 3"]]:
     """Run a technique on frames that come one by one; `apply` for long clips.
 
-    **Arguments:** as `apply`; float32, one sample per pixel.
+    **Arguments:** as `apply`; float32, one sample per pixel. `poses`: None where none
+    are known.
 
     **Returns:** displayed gamma frames, one by one.
 
-    **Errors:** `ValueError` for a technique that needs several samples per pixel.
+    **Errors:** `ValueError` for a technique that needs several samples per pixel, or
+    poses where there are none.
     """
     samples = technique.sample_offsets_px.shape[1]
     if samples > 1:
         raise ValueError(
             f"frames must have {samples} samples per pixel for {technique.id}, got 1."
         )
-    check_poses(poses)
     region = Region.whole(camera)
-    path = checked_motion(poses, jnp.dtype(jnp.float32))
+    unknown = jnp.full(3, jnp.nan, jnp.float32)  # shows wherever it is used
+    path = Motion(unknown, unknown)
+    if poses is not None:
+        check_poses(poses)
+        path = checked_motion(poses, jnp.dtype(jnp.float32))
     state = None
     for k, picture in enumerate(frames):
-        if k >= len(poses):
+        if poses is not None and k >= len(poses):
             raise ValueError(f"poses must have one row per frame, got {len(poses)}.")
         color = jnp.moveaxis(jnp.asarray(picture, jnp.float32), -1, 0)[None]
         frame = Frame(color, camera, region)
         state = _first(technique, frame) if k == 0 else state
-        now = jax.tree.map(lambda leaf, k=k: leaf[k], path)
+        now = path if poses is None else jax.tree.map(lambda leaf, k=k: leaf[k], path)
         state, shown = _next(technique, state, frame, now)
+        if poses is None and not jnp.isfinite(shown).all():
+            raise ValueError(f"{technique.id} needs poses, got none.")
         yield np.moveaxis(np.asarray(shown), 0, -1)

@@ -1,0 +1,90 @@
+"""Names of a head trace's columns: which hold times, which an orientation, in what.
+
+What could mean two things is refused, naming the option that decides it.
+"""
+
+import re
+from collections.abc import Sequence
+
+UNITS = {  # parts of a second; names
+    "s": (1, {"s", "sec", "second", "seconds"}),
+    "ms": (10**3, {"ms", "msec", "millis", "milliseconds"}),
+    "us": (10**6, {"us", "usec", "micros", "microseconds"}),
+    "ns": (10**9, {"ns", "nsec", "nanos", "nanoseconds"}),
+}
+# Names as `plain` writes them: `Time [s]` is time_s, `HMD.qW` is hmd_q_w. An
+# orientation's first group tells one from another: hmd_q, rot, "" for bare w, x, y, z.
+_TIMES = {"t", "ts", "time", "timestamp", "time_stamp", "xr_time", "xrtime"}
+_TIMES |= {"display_time", "predicted_display_time"}
+_ROTATION = "q|quat|quaternion|rot|rotation|orientation"
+_XYZW = re.compile(rf"(.*_)?({_ROTATION})")
+_ORIENTATIONS = {
+    ("qw", "qx", "qy", "qz"): rf"((?:.*_)?(?:{_ROTATION})?_?)([wxyz])()",
+    (
+        "pitch",
+        "yaw",
+        "roll",
+    ): r"((?:.*_)?)(pitch|yaw|roll)(_deg(?:rees)?|_rad(?:ians)?)?",
+}
+# Points and vectors of WebXR have a fourth number, too.
+_PLACES = r"(.*_)?(pos|position|translation|location|scale|velocity|acceleration)_?"
+_MATRIX = re.compile(r"(.*_)?(matrix|m[0-3][0-3]|r[1-3][1-3])(_\d+)*")
+
+
+def used(names: Sequence[str], where: str) -> list[int]:
+    """Find the columns of time and orientation (`wxyz`, or pitch, yaw, roll)."""
+    times = [i for i, name in enumerate(names) if unit_in(name) is not None]
+    groups: dict[tuple[str, ...], dict[str, list[int]]] = {}
+    for i, name in enumerate(names):
+        for parts, pattern in _ORIENTATIONS.items():
+            match = re.fullmatch(pattern, plain(name))
+            if match and not re.fullmatch(_PLACES, match[1]):
+                kind = f"{match[1].rstrip('_')} {match[3] or ''}"
+                part = next(part for part in parts if part.endswith(match[2]))
+                group = groups.setdefault((kind, *parts), {})
+                group.setdefault(part, []).append(i)
+    # What lacks a part is something else, such as a position's x, y and z.
+    full = [group for group in groups if len(groups[group]) == len(group) - 1]
+    whole = [[groups[group][part] for part in group[1:]] for group in full]
+    header = f"the header is {shown(','.join(names))}"
+    if not times or not whole:
+        nearest = max(groups, key=lambda group: len(groups[group]), default=("", "qw"))
+        lacks = [part for part in nearest[1:] if part not in groups.get(nearest, ())]
+        column = lacks[0] if times else "t_s"
+        if times and any(_MATRIX.fullmatch(plain(name)) for name in names):
+            header += "; matrices are not read: write unit quaternions"
+        raise ValueError(f"{where}, column {column}: is missing; {header}.")
+    for rivals in (times, *whole[0], [group[0][0] for group in whole]):
+        one, other = names[rivals[0]], names[rivals[-1]]
+        if one == other and len(rivals) > 1:
+            raise ValueError(f"{where}, column {one}: appears twice; {header}.")
+        if one != other:
+            both = f"columns {one} and {other}: either could be meant"
+            raise ValueError(f"{where}, {both}; choose by the option columns.")
+    return [times[0], *(part[0] for part in whole[0])]
+
+
+def plain(name: str) -> str:
+    """Lower case, with one `_` between words, whatever stood there."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.replace("µ", "u"))
+    return re.sub(r"[^a-z0-9]+", "_", words.lower()).strip("_")
+
+
+def unit_in(name: str) -> str | None:
+    """Read the unit in a time column's name, "" if it has none; None for others."""
+    last_part = plain(name.rpartition(".")[2])
+    word, _, last = last_part.rpartition("_")
+    for unit, (_, names) in UNITS.items():
+        if last in names and (not word or word in _TIMES):
+            return unit
+    return "" if last_part in _TIMES else None
+
+
+def is_xyzw(name: str) -> bool:
+    """Whether a list of four numbers of this name is a quaternion, its `w` last."""
+    return _XYZW.fullmatch(plain(name)) is not None
+
+
+def shown(text: str) -> str:
+    """Quote a text, cut where it is long."""
+    return repr(text if len(text) <= 60 else text[:57] + "...")

@@ -1,0 +1,47 @@
+"""What a user should be told of a trace: its times are rounded, its poses are held."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from . import trace_clock
+
+# Rounding alone repeats 2.5 % of a still head's rows.
+_LEAST_HELD, _LEAST_HELD_SHARE = 10, 0.05
+_Times = Float64[np.ndarray, " rows"]
+_Orientations = Float64[np.ndarray, "rows 4"]
+
+
+def held(poses: _Orientations) -> Bool[np.ndarray, " steps"]:
+    """Which steps repeat the pose before them."""
+    return np.all(poses[1:] == poses[:-1], axis=1)
+
+
+def is_held(poses: _Orientations) -> bool:
+    """Whether so many poses are repeated that a tracker holds them."""
+    repeats = held(poses)
+    count = int(np.count_nonzero(repeats))
+    least = max(_LEAST_HELD, _LEAST_HELD_SHARE * len(repeats))
+    return least <= count < len(repeats)
+
+
+def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator[str]:
+    """Yield sentences, the one on held poses last."""
+    mean_s = trace_clock.rounded_frame_s(t_s, frame_s)
+    if mean_s is not None:
+        yield (
+            f"{name}: times are rounded to about a frame (steps of {1e3 * frame_s:.4g} "
+            f"ms, on average {1e3 * mean_s:.4g} ms): rows are counted instead."
+        )
+    is_repeat = held(poses)
+    if is_repeat.all():
+        yield f"{name}: the pose never changes."
+    elif is_held(poses):
+        new_s = np.diff(t_s[np.append(True, ~is_repeat)])
+        rate_hz = 1 / np.mean(new_s[new_s <= trace_clock.GAP_FRAMES * np.median(new_s)])
+        yield (
+            f"{name}: poses are held: {is_repeat.sum()} of {len(poses)} rows repeat "
+            f"the pose before them; new ones come at {rate_hz:.4g} Hz. A head that "
+            "moves in such steps flickers otherwise: skip_held leaves them out."
+        )
