@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from .. import _checks
+
 _Times = Float64[np.ndarray, " rows"]
 _Frames = Int64[np.ndarray, " rows"]
 
@@ -102,7 +104,8 @@ def rate_hz(name: str, t_s: _Times, frame_s: float) -> float:
     low, high = RATES_HZ
     if not low <= rate <= high:
         raise ValueError(
-            f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got {rate:.4g} "
-            "Hz; name the unit of its times by the option time_unit."
+            f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got "
+            f"{_checks.apart(rate, low, high, spec='4g')} Hz; name the unit of "
+            "its times by the option time_unit."
         )
     return rate

@@ -127,7 +127,8 @@ def _wrong_lengths(quaternions: _Quaternions) -> dict[int, str]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternions, axis=1)
     return {
-        row: f"length must lie within 1 % of 1, got {length[row]:.6g}."
+        row: "length must lie within 1 % of 1, got "
+        f"{_checks.apart(length[row], 1 - _MAX_LENGTH_ERROR, 1 + _MAX_LENGTH_ERROR)}."
         for row in np.flatnonzero(~(np.abs(length - 1) <= _MAX_LENGTH_ERROR)).tolist()
     }
 
