@@ -171,7 +171,7 @@ class Trace(eqx.Module):
 
         **Errors:** `ValueError` when the pose never changes.
         """
-        kept = np.append(True, ~trace_notes.held(self.world_from_head))
+        kept = trace_notes.renewed(self.name, self.world_from_head)
         repeats = f"{np.count_nonzero(~kept)} of {len(kept)} rows"
         return Trace(
             self.t_s[kept],

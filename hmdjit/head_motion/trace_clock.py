@@ -80,7 +80,7 @@ def frame_numbers(t_s: _Times, frame_s: float) -> _Frames:
     """Frame of each row, from 0 and rising, see `Trace.frame_numbers`."""
     steps = np.diff(t_s) / frame_s
     mean_s = rounded_frame_s(t_s, frame_s)
-    if mean_s is not None:  # in the long run the clock is right
+    if mean_s is not None:  # right in the long run, to a frame
         steps = np.diff(np.rint((t_s - t_s[0]) / mean_s))
     frames = np.minimum(np.rint(steps), MAX_ROWS).astype(np.int64)
     for start, end in _rounded(t_s, frame_s):

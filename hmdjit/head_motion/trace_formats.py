@@ -46,7 +46,7 @@ def read(
     if time_unit is not None:
         _checks.one_of("time_unit", time_unit, UNITS)
     lines, start = _lines(path)
-    is_log = re.match(r"\s*(\{|\[\s*([{\[]|$))", lines[start])
+    is_log = re.match(r"\s*(\{|\[\s*([{\[\]]|$))", lines[start])
     table = (trace_log if is_log else trace_table).parsed(
         path.name, lines, start, columns
     )
@@ -79,7 +79,7 @@ def write(path: str | os.PathLike[str], t_s: _Times, poses: _Quaternions) -> Non
 
 def _count(file: str, left_out: Counter[str], rows: int) -> str:
     """Say what was left out, or raise where that is more than damage."""
-    kinds = ", ".join(f"{count} {kind}" for kind, count in left_out.items())
+    kinds = ", ".join(f"{kind} ({count})" for kind, count in left_out.items())
     damaged, rows = left_out.total() - left_out[_COMMENT], rows - left_out[_COMMENT]
     if damaged > _MOST_DAMAGED * rows:
         raise ValueError(
