@@ -5,7 +5,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -341,8 +341,8 @@ def test_a_study_reads_logs_as_the_other_commands_do(
     traces, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    few = ("--scenes", "noise", "--techniques", "none")
-    study = lambda *arguments: cli.run(["study", *map(str, (*arguments, *few))])
+    imsave("one.png", np.zeros((16, 16, 3)))
+    study = lambda *args: cli.run(["study", *map(str, args), "--images", "one.png"])
     held = with_rows(traces[0], tmp_path / "held.csv", every_second_pose)
     assert study("--trace", held) == 130
     printed = capsys.readouterr().out
