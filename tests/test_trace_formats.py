@@ -631,7 +631,13 @@ def test_damaged_rows_of_a_table_are_left_out_and_counted(file, at, rows, kind):
 
 @pytest.mark.parametrize(
     ("at", "row"),
-    [(99, SAMPLES[99][:20]), (40, SAMPLES[40][:20]), (40, '{"time": 0.4}')],
+    [
+        (99, SAMPLES[99][:20]),
+        (40, SAMPLES[40][:20]),
+        (40, '{"time": 0.4}'),
+        (0, '{"time": 0, "q": null}'),
+        (0, '{"device": "x"}'),
+    ],
 )
 @pytest.mark.parametrize("is_array", [False, True])
 def test_damaged_samples_are_left_out_and_counted(file, at, row, is_array):

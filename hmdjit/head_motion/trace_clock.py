@@ -105,7 +105,7 @@ def rate_hz(name: str, t_s: _Times, frame_s: float) -> float:
     if not low <= rate <= high:
         raise ValueError(
             f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got "
-            f"{_checks.apart(rate, low, high, spec='4g')} Hz; name the unit of "
+            f"{_checks.apart(rate, low, high)} Hz; name the unit of "
             "its times by the option time_unit."
         )
     return rate
