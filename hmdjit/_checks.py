@@ -55,12 +55,26 @@ def in_range(
         right = ")" if open_high or high == math.inf else "]"
         raise ValueError(
             f"{name} must lie in {left}{_written(low)}, {_written(high)}{right}, "
-            f"got {_written(value)}."
+            f"got {_written(value, low, high)}."
         )
 
 
-def _written(value: Any) -> str:
-    return str(value) if isinstance(value, int) else f"{value:g}"
+def _written(value: Any, *bounds: Any) -> str:
+    return str(value) if isinstance(value, int) else apart(value, *bounds)
+
+
+def apart(value: Any, *bounds: Any, spec: str = "6g") -> str:
+    """Write a number, with more digits where it would read as a bound that it misses.
+
+    **Arguments:** `spec`: least digits, and how they are counted: `6g`, `2f`.
+    """
+    missed = [float(bound) for bound in bounds if bound != value]
+    for digits in range(int(spec[:-1]), 18):
+        form = f".{digits}{spec[-1]}"
+        text = format(float(value), form)
+        if text not in [format(bound, form) for bound in missed]:
+            return text
+    return repr(float(value))
 
 
 def colors(name: str, values: Any) -> jax.Array:

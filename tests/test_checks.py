@@ -41,6 +41,26 @@ def test_in_range_writes_an_infinite_end_as_open():
         _checks.in_range("angle", np.nan)
 
 
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (29.97, "29.97"),
+        (30.000001, "30.000001"),
+        (np.float32(30.1), "30.1"),
+        (30.0, "30"),
+        (29.999999999999996, "29.999999999999996"),
+    ],
+)
+def test_a_number_is_told_from_the_bound_that_it_misses(value, written):
+    assert _checks.apart(value, 30.0, spec="3g") == written
+
+
+def test_in_range_tells_a_value_from_its_bound():
+    with pytest.raises(ValueError, match=r"\[0, 1\], got 1\.0000001\."):
+        _checks.in_range("share", 1.0000001, 0, 1)
+    assert _checks.apart(29.96, 30, spec="1f") == "29.96"
+
+
 def test_in_range_lets_values_that_are_not_known_yet_pass():
     @jax.jit
     def doubled(share):

@@ -5,7 +5,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -40,6 +40,21 @@ def write_trace(path, seconds=40.0, rate_hz=30.0, seed=0, speed_deg_s=(1.0, 0.8,
     rows = np.column_stack([t_s, turns.as_quat(scalar_first=True)])
     np.savetxt(path, rows, delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
     return path
+
+
+def with_rows(path, copy, change):
+    """Write a copy of a trace file, its rows changed."""
+    rows = change(np.loadtxt(path, delimiter=",", skiprows=1))
+    np.savetxt(copy, rows, delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
+    return copy
+
+
+def in_ms(rows):
+    return rows * [1000, 1, 1, 1, 1]
+
+
+def every_second_pose(rows):
+    return np.column_stack([rows[:, 0], rows[np.arange(len(rows)) // 2 * 2, 1:]])
 
 
 def run(*arguments):
@@ -127,6 +142,46 @@ def test_description_tells_what_was_recorded(traces, tmp_path, capsys):
     assert imread(out).shape[1] == 1650
 
 
+@pytest.fixture
+def stopped(monkeypatch):
+    """Commands that stop once they have read their recordings and told of them."""
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hmdjit.head_fitting.statistics.describe", stop)
+    monkeypatch.setattr(hj.Study, "run", stop)
+
+
+@pytest.mark.usefixtures("stopped")
+def test_held_poses_are_told_and_can_be_left_out(traces, tmp_path, capsys):
+    path = with_rows(traces[0], tmp_path / "a_held.csv", every_second_pose)
+    assert run("describe", path) == 130
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "a_held.csv: poses are held: 600 of 1201 rows repeat the pose" in printed
+    assert "new ones come at 15 Hz" in printed
+    assert "frame rate 30.00 Hz" in printed
+    assert run("describe", path, "--skip-held") == 130
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "a_held.csv: left out 600 of 1201 rows as held." in printed
+    assert "frame rate 15.00 Hz" in printed
+    assert "poses are held" not in printed
+
+
+@pytest.mark.usefixtures("stopped")
+def test_damaged_rows_are_left_out_on_request(traces, tmp_path, capsys):
+    rows = traces[0].read_text().splitlines()
+    path = tmp_path / "a_cut.csv"
+    path.write_text("\n".join([*rows[:90], rows[89], "# pause", *rows[90:], "40.1,1"]))
+    assert run("describe", path) == 2
+    assert "line 92: must have 5 fields" in capsys.readouterr().err
+    assert run("describe", path, "--skip-damaged") == 130
+    printed = " ".join(capsys.readouterr().out.split())
+    for part in ("comments or blank lines (1)", "the header (1)", "do not rise (1)"):
+        assert part in printed
+    assert "lost frames, bridged 0 of 1201" in printed
+
+
 @pytest.mark.slow
 def test_a_description_sets_a_preset_beside_the_recordings(traces, tmp_path, capsys):
     out = tmp_path / "seen.png"
@@ -164,6 +219,12 @@ WRONG = [
     (["describe", "{text}"], "notes.csv, line 1"),
     (["describe", "{brief}"], "at least 4 s for a spectrum, the longest lasts 3.00 s"),
     (["describe", "{hourly}"], r"hourly.csv: frame rate must lie in \[5, 2000\]"),
+    (
+        ["fit", "{ms}"],
+        r"ms.csv: frame rate .*, got 0.03 Hz; name the unit .* time_unit",
+    ),
+    (["fit", "{good}", "{ms}"], r"ms.csv: frame rate must lie in \[5, 2000\]"),
+    (["fit", "{almost}"], r"at least 30 s of still data, .*; got 29\.9\d+ s in 1 seg"),
     (["describe", "{good}", "--columns", "t_s", "qw"], "good.csv"),
     (["describe", "{good}", "--model", "seatd"], "head must be one of .* 'seated'"),
     (["describe", "{good}", "--model", "{missing_toml}"], "missing.toml: cannot be re"),
@@ -207,6 +268,8 @@ def places(tmp_path_factory):
         "folder": folder / "folder.toml",
         "good": write_trace(folder / "good.csv"),
         "slow": write_trace(folder / "slow.csv", rate_hz=20.0),
+        "ms": with_rows(folder / "good.csv", folder / "ms.csv", in_ms),
+        "almost": write_trace(folder / "almost.csv", seconds=29.967),
         "short": write_trace(folder / "short.csv", seconds=10.0),
         "brief": write_trace(folder / "brief.csv", seconds=3.0),
         "frozen": write_trace(folder / "frozen.csv", speed_deg_s=(0.0, 1.0, 0.0)),
@@ -271,3 +334,29 @@ def test_recorded_people_are_fitted_with_an_order_that_is_chosen(
     assert "over 10 subjects" in printed
     assert len(hj.HeadMotion.read("head.toml").resonators) == 2
     assert Path("head.png").exists()
+
+
+@pytest.mark.usefixtures("stopped")
+def test_a_study_reads_logs_as_the_other_commands_do(
+    traces, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    imsave("one.png", np.zeros((16, 16, 3)))
+    study = lambda *args: cli.run(["study", *map(str, args), "--images", "one.png"])
+    held = with_rows(traces[0], tmp_path / "held.csv", every_second_pose)
+    assert study("--trace", held) == 130
+    printed = capsys.readouterr().out
+    assert "held.csv: poses are held: 600 of 1201 rows" in printed
+    assert "replayed at 30 Hz" in printed
+    (tmp_path / "study.toml").write_text('trace = ["held.csv"]\nskip_held = true\n')
+    assert study("study.toml") == 130
+    assert "replayed at 15 Hz" in capsys.readouterr().out
+
+    ms = with_rows(traces[0], tmp_path / "ms.csv", in_ms)
+    assert study("--trace", ms, "--time-unit", "ms") == 130
+    assert "replayed at 30 Hz" in capsys.readouterr().out
+    for refresh in ((), ("--refresh", 90)):
+        assert study("--trace", ms, *refresh) == 2
+        assert "ms.csv: frame rate must lie in [5, 2000]" in capsys.readouterr().err
+    assert study("--axes", "unity") == 2
+    assert "axes is of recorded heads: name a trace" in capsys.readouterr().err

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+import hmdjit as hj
 from hmdjit.head_motion import Trace
 
 HEADER = "t_s,qw,qx,qy,qz\n"
@@ -555,3 +556,112 @@ def test_recorded_traces_have_the_rate_and_speed_of_their_table(shared):
         rms = np.sqrt(np.mean(speed**2))
         # The table rounds to 2 decimals; times in the files round to 1e-5 s.
         assert rms == pytest.approx(float(rms_deg_s), rel=2e-3, abs=0.006)
+
+
+# --- rounded times ---
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "tick_s", "rows"),
+    [
+        (90.0, 0.01, 600),
+        (90.0, 0.01, 22),
+        (90.0, 0.005, 600),
+        (60.0, 1 / 64, 600),
+        (60.0, 0.0156, 600),
+        (72.0, 0.01, 300),
+        (62.0, 0.01, 300),
+        (98.0, 0.01, 900),
+    ],
+)
+@pytest.mark.parametrize("rounding", [np.round, np.floor])
+def test_rows_are_counted_where_times_are_rounded(rate_hz, tick_s, rows, rounding):
+    t_s = tick_s * rounding(np.arange(rows) / rate_hz / tick_s + 1e-9)
+    trace = yawing(t_s)
+    assert trace.rate_hz == pytest.approx((rows - 1) / trace.duration_s, rel=1e-12)
+    assert trace.rate_hz == pytest.approx(rate_hz, rel=1.5 / rows)
+    np.testing.assert_array_equal(trace.frame_numbers, np.arange(rows))
+    # Rows are replayed as they are, and resampled at the times that they had.
+    np.testing.assert_array_equal(trace.windows(rows)[0], trace.world_from_head)
+    again = trace.resample(trace.rate_hz).world_from_head
+    np.testing.assert_allclose(again, trace.world_from_head, atol=1e-9)
+
+
+def test_a_frame_lost_among_rounded_times_is_counted():
+    frames = np.delete(np.arange(3000), [700, 1500, *range(2000, 2005)])
+    trace = yawing(np.round(7 + frames / 90, 2))
+    assert np.max(np.abs(trace.frame_numbers - frames)) <= 1
+    assert trace.rate_hz == pytest.approx(90, rel=1e-3)
+    assert "rounded" in trace.notes[0]
+
+
+def test_many_lost_frames_are_no_rounded_times(rng):
+    # 60 frames a second on a display of 90 Hz, and a third of them lost at random.
+    frames = np.cumsum(rng.choice([1, 2], 2000, p=[0.6, 0.4]))
+    trace = yawing(frames / 90)
+    assert trace.rate_hz == pytest.approx(90, rel=1e-9)
+    assert trace.notes == ()
+
+
+@pytest.mark.parametrize(("scale", "rate"), [(1e3, "0.09"), (1e-3, "90000")])
+def test_a_rate_that_no_display_has_is_an_error_wherever_it_is_taken(scale, rate):
+    trace = yawing(scale * np.arange(100) / 90, name="me.csv")
+    message = (
+        rf"me.csv: frame rate must lie in \[5, 2000\] Hz, got {re.escape(rate)} Hz"
+    )
+    for take in (
+        lambda: trace.rate_hz,
+        lambda: trace.windows(10),
+        lambda: hj.Replay([trace]),
+        lambda: hj.Replay([trace], rate_hz=90.0),
+        lambda: hj.fit_heads([trace]),
+    ):
+        with pytest.raises(ValueError, match=message):
+            take()
+
+
+# --- held poses ---
+
+
+def held(trace, of_rows, at_rows):
+    """Poses of a slower tracker: of these rows, each held until the next one's time."""
+    last = np.searchsorted(at_rows, np.arange(len(trace.t_s)), side="right") - 1
+    return Trace(trace.t_s, trace.world_from_head[of_rows[last]], name="me.csv")
+
+
+@pytest.mark.parametrize("tracker_hz", [30.0, 45.0, 72.0, 80.0])
+def test_held_poses_are_told_and_left_out(tracker_hz):
+    whole = yawing(np.arange(901) / 90)
+    new = np.ceil(np.arange(901) * 90 / tracker_hz - 1e-9).astype(int)
+    new = new[new <= 900]
+    trace = held(whole, new, new)
+    repeats = 901 - len(new)
+    (note,) = trace.notes
+    assert f"me.csv: poses are held: {repeats} of 901 rows repeat the pose" in note
+    assert f"new ones come at {tracker_hz:g} Hz" in note
+    renewed = trace.without_held()
+    assert renewed.rate_hz == pytest.approx(tracker_hz, rel=2e-3)
+    np.testing.assert_array_equal(renewed.world_from_head, whole.world_from_head[new])
+    assert f"left out {repeats} of 901 rows as held" in renewed.notes[0]
+    assert not any("poses are held" in note for note in renewed.notes)
+    assert hj.Replay([renewed]).refresh_hz == renewed.rate_hz
+
+
+def test_few_equal_poses_are_not_held_ones():
+    whole = yawing(np.arange(901) / 90)
+    rows = np.arange(901)
+    rows[::30] = np.maximum(rows[::30] - 1, 0)
+    assert held(whole, rows, np.arange(901)).notes == ()
+    still = Trace(whole.t_s, np.tile([1.0, 0, 0, 0], (901, 1)), name="me.csv")
+    assert still.notes == ("me.csv: the pose never changes.",)
+    with pytest.raises(ValueError, match="poses must change to be told from held"):
+        still.without_held()
+
+
+def test_reading_warns_of_held_poses_but_not_of_what_is_left_out(tmp_path):
+    whole = yawing(np.arange(91) / 90)
+    held(whole, np.arange(0, 91, 2), np.arange(0, 91, 2)).write(tmp_path / "me.csv")
+    with pytest.warns(UserWarning, match="poses are held: 45 of 91 rows"):
+        trace = Trace.read(tmp_path / "me.csv")
+    assert trace.rate_hz == pytest.approx(90)
+    assert Trace.read(tmp_path / "me.csv", skip_held=True).rate_hz == pytest.approx(45)

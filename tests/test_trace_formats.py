@@ -445,6 +445,7 @@ VALID = [
     "# by hand\n" + re.sub(r"\d\.\d+", lambda n: f'"{n[0].replace(".", ",")}"', SAMPLE),
     plain_log(by_name),
     plain_log(lambda w, *xyz: {"pose": {"orientation": [*xyz, w]}, "note": None}),
+    "[" + plain_log(by_name).strip().replace("\n", ",\n") + "]",
 ]
 SNIPPETS = [*',;\t\n\r"#{}[]: .-+eE_0179', "\u2028", "\x00", "nan", "1e308", "9" * 400]
 SNIPPETS += ["qw", "t_s", "time", "null", "\x1c", "\xa0", "½", "-0.0", "true", "\ufeff"]
@@ -465,6 +466,8 @@ options = st.fixed_dictionaries(
         ),
         "time_unit": st.sampled_from(["s", "ms", "us", "ns", "h"]),
         "axes": st.sampled_from(["openxr", "unity", "blender"]),
+        "skip_damaged": st.booleans(),
+        "skip_held": st.booleans(),
     },
 )
 
@@ -507,3 +510,158 @@ def assert_trace_or_clear(tmp_path_factory, content, options):
         assert np.all(np.diff(trace.t_s) > 0)
         assert np.all(np.diff(trace.frame_numbers) > 0)
         assert len(trace.parts()) >= 1
+
+
+# --- what other programs write ---
+
+
+def webxr(w, x, y, z):
+    """Pose of a viewer as WebXR has it: points have a fourth number, and matrices."""
+    point = by_name(1.0, 0.01, 1.6, -0.2)
+    return {
+        "transform": {
+            "position": point,
+            "orientation": by_name(w, x, y, z),
+            "matrix": {str(i): 0.0 for i in range(16)},
+        },
+        "linearVelocity": by_name(0.0, 0.1, 0.2, 0.3),
+        "emulatedPosition": False,
+    }
+
+
+@pytest.mark.parametrize(
+    "orientation",
+    [
+        webxr,
+        lambda *wxyz: {"position": by_name(1, 0, 0, 0), "orientation": by_name(*wxyz)},
+        lambda *wxyz: {"p": by_name(1, 0, 0, 0), "q": by_name(*wxyz)},
+    ],
+)
+def test_a_position_with_a_fourth_number_is_no_orientation(file, orientation):
+    assert_is_the_sample(Trace.read(file(plain_log(orientation))))
+    names = [*NAMES, "position.x", "position.y", "position.z", "position.w"]
+    points = np.tile([0.0, 0.0, 0.0, 1.0], (len(T_S), 1))
+    assert_is_the_sample(Trace.read(file(table(names, [T_S, WXYZ, points]))))
+    alone = plain_log(lambda *_: {"position": by_name(1, 0, 0, 0)})
+    assert "line 1, column qw: is missing" in message_of(file(alone))
+
+
+@pytest.mark.parametrize("indent", [None, 0, 2])
+@pytest.mark.parametrize("wrap", [lambda s: s, lambda s: {"device": "x", "poses": s}])
+def test_an_array_of_samples_is_read(file, indent, wrap):
+    samples = [json.loads(line) for line in plain_log(webxr).splitlines()]
+    text = json.dumps(wrap(samples), indent=indent)
+    assert_is_the_sample(Trace.read(file(text, "me.json")))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[", "has no samples."),
+        ("[]", "has no samples."),
+        ("[[0.0, 1, 0, 0, 0], [0.1, 1, 0, 0, 0]]", "sample 1: must be a JSON object, "
+         "got '[0.0, 1, 0, 0, 0]'."),
+        ('[{"time": 0, "q": [0, 0, 0, 1]}, {"time": 0.1, "q": [0, 0,', "sample 2: must "
+         "be a JSON object, got '{\"time\": 0.1, \"q\": [0, 0,'."),
+        ('[{"time": 0.1, "q": [0, 0, 0, 1]}, {"time": 0.1, "q": [0, 0, 0, 1]}]',
+         "sample 2, column time: times must rise, got 0.1 after 0.1 (a duplicate)."),
+        ('[{"t": 0, "matrix": [1, 0, 0, 0, 1, 0, 0, 0, 1]}]', "sample 1, column qw: is "
+         "missing; the header is 't,matrix.0,matrix.1,matrix.2,matrix.3,matrix.4,"
+         "matrix.5,m...'; matrices are not read: write unit quaternions."),
+        ("t,m00,m01,m02,m10,m11,m12,m20,m21,m22\n", "line 1, column qw: is missing; "
+         "the header is 't,m00,m01,m02,m10,m11,m12,m20,m21,m22'; matrices are not "
+         "read: write unit quaternions."),
+    ],
+)  # fmt: skip
+def test_arrays_and_matrices_that_cannot_be_read_are_told(file, content, message):
+    separator = ": " if message.startswith("has") else ", "
+    assert message_of(file(content)) == "me.csv" + separator + message
+
+
+@pytest.mark.parametrize("unit", ["rad", "radians"])
+def test_angles_in_radians_are_told_by_their_names(file, rng, unit):
+    angles = euler_deg(rng)
+    t_s = np.arange(50) / 90
+    in_deg = Trace.read(file(table(["time", *angles], [t_s, *angles.values()])))
+    names = ["time", *(f"{name}_{unit}" for name in angles)]
+    radians = [np.radians(angle) for angle in angles.values()]
+    in_rad = Trace.read(file(table(names, [t_s, *radians])))
+    np.testing.assert_allclose(
+        in_rad.world_from_head, in_deg.world_from_head, atol=1e-14
+    )
+    assert in_rad.notes == in_deg.notes == ()
+    # Small angles without a unit could be either, so it is said what they are taken as.
+    bare = Trace.read(file(table(["time", *angles], [t_s, *radians])))
+    assert bare.notes[0].startswith("me.csv: pitch, yaw, roll are taken as degrees")
+
+
+# --- damaged rows ---
+
+MANY = [f"{k / 90:.6f},1,0,0,{k / 1e4}" for k in range(100)]
+SAMPLES = [json.dumps({"time": k / 90, "q": [0, 0, k / 1e4, 1]}) for k in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("at", "rows", "kind"),
+    [
+        (50, [MANY[49]], "times that do not rise (1)"),
+        (50, [MANY[48], MANY[49]], "times that do not rise (2)"),
+        (100, ["1.11111,1,0"], "cut or of other lengths than the header (1)"),
+        (30, ["# paused", "", "  # again"], "comments or blank lines (3)"),
+        (30, ["x,1,0,0,0"], "not numbers (1)"),
+        (30, ["0.3301,1,nan,0,0"], "not numbers (1)"),
+        (30, ["0.3301,0,0,0,0"], "lengths other than 1 (1)"),
+        (30, ["# paused", "0.3301,0", "0.32,1,0,0,0"], "comments or blank lines (1), "
+         "cut or of other lengths than the header (1), times that do not rise (1)"),
+    ],
+)  # fmt: skip
+def test_damaged_rows_of_a_table_are_left_out_and_counted(file, at, rows, kind):
+    header = "t_s,qw,qx,qy,qz"
+    whole = Trace.read(file("\n".join([header, *MANY])))
+    damaged = file("\n".join([header, *MANY[:at], *rows, *MANY[at:]]))
+    assert "line" in message_of(damaged)
+    trace = Trace.read(damaged, skip_damaged=True)
+    np.testing.assert_array_equal(trace.t_s, whole.t_s)
+    np.testing.assert_array_equal(trace.world_from_head, whole.world_from_head)
+    (note,) = trace.notes
+    damaged = sum("," in row for row in rows)
+    assert f"left out as damaged, of {100 + damaged} rows: {kind}" in note
+    assert whole.notes == Trace.read(file("\n".join([header, *MANY]))).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("at", "row"),
+    [
+        (99, SAMPLES[99][:20]),
+        (40, SAMPLES[40][:20]),
+        (40, '{"time": 0.4}'),
+        (0, '{"time": 0, "q": null}'),
+        (0, '{"device": "x"}'),
+    ],
+)
+@pytest.mark.parametrize("is_array", [False, True])
+def test_damaged_samples_are_left_out_and_counted(file, at, row, is_array):
+    rows = [*SAMPLES[:at], row, *SAMPLES[at + 1 :]]
+    end = "" if at == 99 else "]"
+    text = "[\n" + ",\n".join(rows) + end if is_array else "\n".join(rows)
+    word = "sample" if is_array else "line"
+    assert f"{word} {at + 1}" in message_of(file(text))
+    trace = Trace.read(file(text), skip_damaged=True)
+    np.testing.assert_allclose(trace.t_s, np.delete(np.arange(100) / 90, at))
+    assert "cut or of other lengths than the header (1)" in trace.notes[0]
+
+
+def test_more_than_some_damage_is_another_format(file):
+    # 120 Hz in hundredths of a second: every sixth time is there twice.
+    rows = [f"{round(k / 120, 2)},1,0,0,{k / 1e4}" for k in range(120)]
+    path = file("\n".join(["t_s,qw,qx,qy,qz", *rows]))
+    assert "(a duplicate)" in message_of(path)
+    message = message_of(path, skip_damaged=True)
+    assert message.startswith("me.csv: at most 10% of its rows may be damaged")
+    assert re.search(r"got \d+ of 120: times that do not rise \(\d+\)", message)
+
+
+def test_a_unit_that_steps_tell_is_told(file):
+    text = table(["time", *NAMES[1:]], [1e3 * T_S, WXYZ])
+    assert Trace.read(file(text)).notes == ("me.csv: times are taken as ms.",)
+    assert Trace.read(file(text), time_unit="ms").notes == ()

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
+from .. import _checks
 from .._files import written_atomically
 from ..studies.progress import Progress, Tell
 from .errors import Errors, errors, newton_step
@@ -107,7 +108,8 @@ class Front:
                 self.along(weight)
         if least() > bound:
             raise NoFitError(
-                f"detail loss must be at least {least():.3f} times that of no "
+                "detail loss must be at least "
+                f"{_checks.apart(least(), bound, spec='3f')} times that of no "
                 f"anti-aliasing, the least that this family reaches, got {bound:g}."
             )
         for low, high in itertools.pairwise(sorted(self._known)):

@@ -75,6 +75,6 @@ def checked_motion(
         low, high = 1 - _LENGTH_TOLERANCE, 1 + _LENGTH_TOLERANCE
         raise ValueError(
             f"poses[{worst}] must have a length in [{low:g}, {high:g}], "
-            f"got {norm[worst]:g}."
+            f"got {_checks.apart(norm[worst], low, high)}."
         )
     return rebased_motion(concrete / norm[:, None], dtype)

@@ -22,7 +22,7 @@ from . import errors, spectra, whittle
 from .spectra import Periodograms
 from .whittle import ORDERS, Search
 
-_MIN_STILL_S = 30.0
+_MIN_STILL_S, _ROUNDING_S = 30.0, 1e-6  # of sums of durations
 _MIN_WINDOWS = 8
 _FOLDS = 5
 
@@ -126,13 +126,16 @@ def _check_amount(
 ) -> None:
     still_s = sum(segment.duration_s for segment in segments)
     windows = len(periodograms.power)
-    if still_s < _MIN_STILL_S or windows < _MIN_WINDOWS:
+    if still_s < _MIN_STILL_S - _ROUNDING_S or windows < _MIN_WINDOWS:
         longest_s = max((segment.duration_s for segment in segments), default=0.0)
+        recorded_s = sum(trace.duration_s for trace in traces)
         raise NotEnoughDataError(
             f"traces must hold at least {_MIN_STILL_S:g} s of still data, in at least "
-            f"{_MIN_WINDOWS} windows of {spectra.WINDOW_S:g} s; got {still_s:.1f} s in "
-            f"{len(segments)} segments of at most {longest_s:.1f} s ({windows} "
-            f"windows), of {sum(trace.duration_s for trace in traces):.1f} s recorded."
+            f"{_MIN_WINDOWS} windows of {spectra.WINDOW_S:g} s; got "
+            f"{_checks.apart(still_s, _MIN_STILL_S, spec='1f')} s in {len(segments)} "
+            "segments of at most "
+            f"{_checks.apart(longest_s, spectra.WINDOW_S, spec='1f')} s ({windows} "
+            f"windows), of {recorded_s:.1f} s recorded."
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float64, Key
 from scipy.spatial.transform import Rotation
 
+from .. import _checks
 from .._types import RandomKey, Scalar
 from ..head_motion import laws
 from ..head_motion.process import HeadMotion
@@ -93,7 +94,7 @@ def describe(segments: Sequence[Trace], rate_hz: float) -> Description:
         longest_s = max(segment.duration_s for segment in segments)
         raise ValueError(
             f"segments must last at least {spectra.WINDOW_S:g} s for a spectrum, the "
-            f"longest lasts {longest_s:.2f} s."
+            f"longest lasts {_checks.apart(longest_s, spectra.WINDOW_S, spec='2f')} s."
         )
     frequency_hz, spectrum = _binned(
         periodograms.frequency_hz, periodograms.power.mean(axis=0)

@@ -18,6 +18,7 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Bool, Float, Float64, Int
 
+from .. import _checks
 from .._types import Scalar
 from ..head_motion import laws
 from ..head_motion.parameters import Amplitude, Resonator
@@ -83,7 +84,7 @@ def log_bounds(order: int, rate_hz: float) -> Float64[np.ndarray, "2 parameters"
     if order and not rate_hz > lowest_hz:
         raise ValueError(
             f"rate_hz must be above {lowest_hz:.3g} Hz to fit resonances, got "
-            f"{rate_hz:.3g}; order 0 has none."
+            f"{_checks.apart(rate_hz, lowest_hz, spec='3g')}; order 0 has none."
         )
     names = ["speed_rms_deg_s", "correlation_time_s", "tracker_noise_deg"]
     names += ["speed_rms_deg_s", "frequency_hz", "damping"] * order

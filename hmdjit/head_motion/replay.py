@@ -54,10 +54,12 @@ class Replay(eqx.Module):
             with contextlib.suppress(ValueError):
                 cut.append((trace.windows(frames, rate_hz=self.rate_hz), trace.subject))
         if not cut:
-            longest = max(trace.duration_s for trace in self.traces)
+            parts = [part.duration_s for trace in self.traces for part in trace.parts()]
+            least_s, longest_s = (frames - 1) / self.refresh_hz, max(parts)
             raise ValueError(
-                f"traces must last at least {frames} frames at "
-                f"{self.refresh_hz:.1f} Hz; the longest lasts {longest:.2f} s."
+                f"traces must last at least {frames} frames at {self.refresh_hz:.4g} "
+                f"Hz without a gap, {least_s:.3g} s; the longest lasts "
+                f"{_checks.apart(longest_s, least_s, spec='3g')} s."
             )
         windows = np.concatenate([block for block, _ in cut])
         subjects = [subject for block, subject in cut for _ in block]

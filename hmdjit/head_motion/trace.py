@@ -171,7 +171,7 @@ class Trace(eqx.Module):
 
         **Errors:** `ValueError` when the pose never changes.
         """
-        kept = np.append(True, ~trace_notes.held(self.world_from_head))
+        kept = trace_notes.renewed(self.name, self.world_from_head)
         repeats = f"{np.count_nonzero(~kept)} of {len(kept)} rows"
         return Trace(
             self.t_s[kept],
@@ -276,13 +276,13 @@ class Trace(eqx.Module):
         **Errors:** `ValueError` when no part is as long as a window.
         """
         _checks.whole("frames", frames, 2)
-        parts = self.parts()
+        parts, own_hz = self.parts(), self.rate_hz
         longest_s = max(
             np.max(np.diff(trace_clock.even_times(part.t_s, self.frame_s)))
             for part in parts
         )
         if rate_hz is None and longest_s > 1.5 * self.frame_s:
-            rate_hz = self.rate_hz
+            rate_hz = own_hz
         if rate_hz is not None:
             _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
             long = [part for part in parts if part.duration_s * rate_hz > 1 - _ROUNDING]
@@ -292,7 +292,7 @@ class Trace(eqx.Module):
         if longest < frames:
             raise ValueError(
                 f"frames must be at most the {longest} without a gap of {self.name} at "
-                f"{rate_hz or self.rate_hz:.4g} Hz, got {frames}."
+                f"{rate_hz or own_hz:.4g} Hz, got {frames}."
             )
         whole = [head[: len(head) // frames * frames] for head in heads]
         return np.concatenate([head.reshape(-1, frames, 4) for head in whole])

@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from .. import _checks
+
 _Times = Float64[np.ndarray, " rows"]
 _Frames = Int64[np.ndarray, " rows"]
 
@@ -78,7 +80,7 @@ def frame_numbers(t_s: _Times, frame_s: float) -> _Frames:
     """Frame of each row, from 0 and rising, see `Trace.frame_numbers`."""
     steps = np.diff(t_s) / frame_s
     mean_s = rounded_frame_s(t_s, frame_s)
-    if mean_s is not None:  # in the long run the clock is right
+    if mean_s is not None:  # right in the long run, to a frame
         steps = np.diff(np.rint((t_s - t_s[0]) / mean_s))
     frames = np.minimum(np.rint(steps), MAX_ROWS).astype(np.int64)
     for start, end in _rounded(t_s, frame_s):
@@ -102,7 +104,8 @@ def rate_hz(name: str, t_s: _Times, frame_s: float) -> float:
     low, high = RATES_HZ
     if not low <= rate <= high:
         raise ValueError(
-            f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got {rate:.4g} "
-            "Hz; name the unit of its times by the option time_unit."
+            f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got "
+            f"{_checks.apart(rate, low, high)} Hz; name the unit of "
+            "its times by the option time_unit."
         )
     return rate

@@ -27,7 +27,7 @@ _ORIENTATIONS = {
     ): r"((?:.*_)?)(pitch|yaw|roll)(_deg(?:rees)?|_rad(?:ians)?)?",
 }
 # Points and vectors of WebXR have a fourth number, too.
-_PLACES = r"(.*_)?(pos|position|translation|location|scale|velocity|acceleration)_?"
+_PLACES = r"(.*_)?(p|pos|position|translation|location|scale|velocity|acceleration)_?"
 _MATRIX = re.compile(r"(.*_)?(matrix|m[0-3][0-3]|r[1-3][1-3])(_\d+)*")
 
 

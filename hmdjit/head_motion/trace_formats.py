@@ -46,7 +46,7 @@ def read(
     if time_unit is not None:
         _checks.one_of("time_unit", time_unit, UNITS)
     lines, start = _lines(path)
-    is_log = re.match(r"\s*(\{|\[\s*([{\[]|$))", lines[start])
+    is_log = re.match(r"\s*(\{|\[\s*([{\[\]]|$))", lines[start])
     table = (trace_log if is_log else trace_table).parsed(
         path.name, lines, start, columns
     )
@@ -79,7 +79,7 @@ def write(path: str | os.PathLike[str], t_s: _Times, poses: _Quaternions) -> Non
 
 def _count(file: str, left_out: Counter[str], rows: int) -> str:
     """Say what was left out, or raise where that is more than damage."""
-    kinds = ", ".join(f"{count} {kind}" for kind, count in left_out.items())
+    kinds = ", ".join(f"{kind} ({count})" for kind, count in left_out.items())
     damaged, rows = left_out.total() - left_out[_COMMENT], rows - left_out[_COMMENT]
     if damaged > _MOST_DAMAGED * rows:
         raise ValueError(
@@ -127,7 +127,8 @@ def _wrong_lengths(quaternions: _Quaternions) -> dict[int, str]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternions, axis=1)
     return {
-        row: f"length must lie within 1 % of 1, got {length[row]:.6g}."
+        row: "length must lie within 1 % of 1, got "
+        f"{_checks.apart(length[row], 1 - _MAX_LENGTH_ERROR, 1 + _MAX_LENGTH_ERROR)}."
         for row in np.flatnonzero(~(np.abs(length - 1) <= _MAX_LENGTH_ERROR)).tolist()
     }
 

@@ -15,17 +15,17 @@ def parsed(file: str, lines: list[str], start: int, columns: Columns) -> Table:
     for place, text, sample in _samples(lines, start):
         where = f"{file}, {place}"
         leaves = dict(_leaves(sample))
-        if not isinstance(sample, dict):
-            broken[len(rows)] = f"{where}: must be a JSON object, got {shown(text)}."
-        else:
+        try:
+            if not isinstance(sample, dict):
+                raise ValueError(f"{where}: must be a JSON object, got {shown(text)}.")
             if not names:
                 keys = [key for key in leaves if not columns or key in columns]
                 names = [keys[i] for i in used(keys, where)]
-            lacks = [name for name in names if name not in leaves]
-            if lacks:
-                broken[len(rows)] = f"{where}, column {lacks[0]}: is missing."
-            else:
-                text = ",".join([repr(leaves[name]) for name in names])
+            text = ",".join([repr(leaves[name]) for name in names])
+        except KeyError as error:
+            broken[len(rows)] = f"{where}, column {error.args[0]}: is missing."
+        except ValueError as error:
+            broken[len(rows)] = str(error)
         rows.append(text)
         places.append(place)
     if not names:

@@ -18,6 +18,14 @@ def held(poses: _Orientations) -> Bool[np.ndarray, " steps"]:
     return np.all(poses[1:] == poses[:-1], axis=1)
 
 
+def renewed(name: str, poses: _Orientations) -> Bool[np.ndarray, " rows"]:
+    """Which rows do not repeat the pose before them; `ValueError` if all do."""
+    repeats = held(poses)
+    if repeats.all():
+        raise ValueError(f"{name}: poses must change to be told from held ones.")
+    return np.append(True, ~repeats)
+
+
 def is_held(poses: _Orientations) -> bool:
     """Whether so many poses are repeated that a tracker holds them."""
     repeats = held(poses)
@@ -32,7 +40,7 @@ def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator
     if mean_s is not None:
         yield (
             f"{name}: times are rounded to about a frame (steps of {1e3 * frame_s:.4g} "
-            f"ms, on average {1e3 * mean_s:.4g} ms): rows are counted instead."
+            f"ms, on average {1e3 * mean_s:.4g} ms): no frame is taken for lost."
         )
     is_repeat = held(poses)
     if is_repeat.all():
@@ -42,6 +50,6 @@ def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator
         rate_hz = 1 / np.mean(new_s[new_s <= trace_clock.GAP_FRAMES * np.median(new_s)])
         yield (
             f"{name}: poses are held: {is_repeat.sum()} of {len(poses)} rows repeat "
-            f"the pose before them; new ones come at {rate_hz:.4g} Hz. A head that "
-            "moves in such steps flickers otherwise: skip_held leaves them out."
+            f"the pose before them; new ones come at {rate_hz:.4g} Hz. What moves in "
+            "such steps flickers as no head does: the option skip_held leaves them out."
         )

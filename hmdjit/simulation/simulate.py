@@ -149,9 +149,10 @@ def _check_margin(
     largest = np.max(np.asarray(bounds), axis=1)
     worst = int(np.argmax(largest))
     if largest[worst] > texture.margin_px:
+        px = _checks.apart(largest[worst], texture.margin_px, spec="1f")
         turn = np.degrees(np.linalg.norm(np.asarray(motion.offset[worst])))
         raise ValueError(
             f"poses must stay within the texture's margin of {texture.margin_px} px, "
-            f"got up to {largest[worst]:.1f} px at frame {worst} ({turn:.2f} deg from "
-            "the first pose); bake the scene with a larger margin_deg."
+            f"got up to {px} px at frame {worst} ({turn:.2f} deg from the first pose); "
+            "bake the scene with a larger margin_deg."
         )

@@ -254,7 +254,8 @@ def _check_gain(technique: AbstractTechnique) -> None:
                         raise ValueError(
                             f"{hint} of {name} must be at least {found:.4g} at "
                             f"{speed:.3g} deg/s, what was seen to remain of an error "
-                            f"in the history, got {most:.4g}."
+                            f"in the history, got "
+                            f"{_checks.apart(most, found, spec='4g')}."
                         )
 
 

@@ -69,7 +69,8 @@ class HeadMovement(AbstractTechnique):
         known = not (_checks.is_traced(self.w_min) or _checks.is_traced(self.w_lb))
         if known and self.w_lb > self.w_min:
             raise ValueError(
-                f"w_lb must lie in [0, w_min = {self.w_min:g}], got {self.w_lb:g}."
+                f"w_lb must lie in [0, w_min = {self.w_min:g}], got "
+                f"{_checks.apart(self.w_lb, self.w_min)}."
             )
         _checks.in_range("h_max_deg_s", self.h_max_deg_s, 0, open_low=True)
         if not self.closeness:

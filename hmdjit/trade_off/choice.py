@@ -88,7 +88,8 @@ def pick_tolerance(settings: Sequence[tuple[Row, ...]], tolerance: float) -> Cho
         best = min(settings, key=_worst_bias)
         raise ValueError(
             f"no setting reaches a tolerance of {tolerance:.3g}: the bias of the best, "
-            f"{best[0].setting}, is known to lie below {_worst_bias(best):.3g} only."
+            f"{best[0].setting}, is known to lie below "
+            f"{_checks.apart(_worst_bias(best), tolerance, spec='3g')} only."
         )
     return min(found, key=lambda choice: (choice.seconds, choice.error))
 
@@ -110,7 +111,8 @@ def pick_budget(settings: Sequence[tuple[Row, ...]], seconds: float) -> Choice:
         fastest = min(settings, key=_cost)
         raise ValueError(
             f"no setting measures two sessions in {seconds:.3g} s: the fastest, "
-            f"{fastest[0].setting}, needs {2 * _cost(fastest):.3g} s."
+            f"{fastest[0].setting}, needs "
+            f"{_checks.apart(2 * _cost(fastest), seconds, spec='3g')} s."
         )
     return min(found, key=lambda choice: (choice.error, choice.seconds))
 
