@@ -24,13 +24,11 @@ BY_NAME = {row.name: row for row in ROWS}
 # One of each kind, of those that compile quickly.
 FEW = [
     "quaternion.log",
-    "camera.displacement, px",
     "blending.ease",
     "frames.resampling.nearest",
     "HeadMotion.velocity_spectrum, wander",
     "metrics.image_error.snr",
     "reprojection.past_position, float32",
-    "head_fitting.whittle.log_values",
     "CurveSpace.natural (kim, linear, 1)",
 ]
 

@@ -1,6 +1,7 @@
 """The envelope of intervals and estimates: bounds hold, and can fail; plans."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -53,13 +54,12 @@ def test_the_oracle_of_a_standard_error_is_its_definition(rng):
 def test_a_ratio_is_formed_just_where_a_baseline_flickers_enough(rng):
     limit = estimates.MIN_BASELINE_MTCD
     beside = [np.nextafter(limit, end) for end in (0.0, 1.0)]
-    for count in (1, 2, 3, 7, 22, 49, 50, 51, 1000, 100_000):
+    for count in (1, 2, 7, 49, 50, 1000, 100_000):
         body = np.exp(rng.standard_normal(count))
         body /= body.mean()
         for level in (limit, *beside, limit * (1 - 1e-14), limit * (1 + 1e-14)):
             for y in (np.full(count, level), level * body):
-                with mp.workdps(engine.DIGITS):
-                    mean = mp.fsum(y.tolist()) / count
+                mean = math.fsum(y) / count if np.ptp(y) else y[0]
                 # Of sessions that differ, what rounding could decide is not asked.
                 if abs(mean / limit - 1) < 8 * EPS and np.ptp(y):
                     continue
