@@ -185,4 +185,4 @@ def pictures(*shape: int, levels: tuple = LEVELS) -> Argument:
 
     least, most = sorted(levels)[1], max(levels)
     words = f"0, {'denormals, 1e-30' if least < 1e-30 else f'{least:g}'} to {most:g}"
-    return Argument(f"{words}: unrelated, equal, all but", draw)
+    return Argument(f"{words}: unrelated, equal, nearly equal, black", draw)

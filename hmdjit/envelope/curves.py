@@ -54,12 +54,9 @@ def _radical_inverse(base: int, index: int) -> Any:
 
 
 def _log_values(logits: Any, log_bounds: Any) -> Any:
-    one = jnp.ones(1, logits.dtype)
-    power, leakage = (jnp.ones((1, 1, n), logits.dtype) for n in (3, 1))
-    data = whittle.Data(
-        power, one, leakage, jnp.zeros(1, int), one, one[0], log_bounds, one[0]
-    )
-    return whittle.log_values(whittle.Search(logits, one), data)
+    x, power, leakage = (jnp.ones(s, logits.dtype) for s in (1, (1, 1, 3), (1, 1, 1)))
+    of = x, leakage, jnp.zeros(1, int), x, x[0], log_bounds, x[0]
+    return whittle.log_values(whittle.Search(logits, x), whittle.Data(power, *of))
 
 
 _logistic = lambda x: 1 / (1 + mp.exp(-x))

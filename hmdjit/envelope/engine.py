@@ -82,12 +82,8 @@ def measure_row(
             inputs = [inputs[n] for n in places]
         wrt = tuple(i for i, x in enumerate(inputs[0]) if _is_floating(x))
         wrt = () if math.isnan(steepest) else row.wrt or wrt
-        each = [
-            _errors(row, np.finfo(dtype), arguments, wrt, *found)
-            for arguments, *found in zip(
-                inputs, *_evaluated(row, inputs, wrt, quick), strict=True
-            )
-        ]
+        found = zip(inputs, *_evaluated(row, inputs, wrt, quick), strict=True)
+        each = [_errors(row, np.finfo(dtype), wrt, *one) for one in found]
     worst = [max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True)]
     (error, where), (absolute, _), (relative, _), (gradient, place) = worst
     slopes = gradient if wrt else math.nan, float(steepest)
@@ -117,7 +113,7 @@ def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> tuple
 
 
 def _errors(
-    row: Row, number: Any, arguments: Inputs, wrt: tuple, ours: Any, jacobians: list
+    row: Row, number: Any, wrt: tuple, arguments: Inputs, ours: Any, jacobians: list
 ) -> list[tuple[float, str]]:
     """Judged, absolute and relative error of a value, and error of the gradient."""
     exact = [exact_numbers(x) for x in arguments]
@@ -130,9 +126,8 @@ def _errors(
     sizes = np.array([max(size, floor) for size in sizes])
     gaps = np.array(distances(ours, values))
     relative, absolute = max(gaps / sizes), max(gaps)
-    judged = {"eps": relative / number.eps, "relative": relative}.get(
-        row.unit, absolute
-    )
+    kinds = {"eps": relative / number.eps, "relative": relative}
+    judged = kinds.get(row.unit, absolute)
     where, worst, is_kink = describe(arguments), [(0.0, "")], row.kink(*arguments)
     for i, slopes in zip(wrt, jacobians, strict=True):
         if is_kink:

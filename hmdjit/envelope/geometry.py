@@ -36,11 +36,9 @@ def _up_to_sign(q: Any) -> list:
     return [*(x if largest > 0 else -x for x in q), min(q[0] + 1e-9, 0)]
 
 
-_turns = lambda starts, ends: np.stack(
-    [exact.log(exact.relative(*pair)) for pair in zip(starts, ends, strict=True)]
-)
-_increments = lambda poses: _turns(poses[[0, 0, 1, 2]], poses)
-_offsets = lambda poses: _turns(poses[[0, 0, 0, 0]], poses)
+_turn = lambda *poses: exact.log(exact.relative(*poses))
+_increments = lambda q: np.stack([_turn(*q[[max(n - 1, 0), n]]) for n in range(4)])
+_offsets = lambda poses: np.stack([_turn(poses[0], pose) for pose in poses])
 _half_turn = lambda q: abs(q[0]) < 1e-6
 _has_denormals = lambda r: 0 < np.max(np.abs(r)) < np.finfo(r.dtype).tiny
 _rebased = lambda *poses: _up_to_sign(quaternion.rebase(np.stack(poses))[1])
@@ -169,8 +167,7 @@ def _past_of_poses(dtype: str, poses: np.ndarray, pixel: np.ndarray) -> Any:
 
 
 def _exact_past_of_poses(poses: Any, pixel: Any) -> Any:
-    turn, size = exact.log(exact.relative(*poses[1:])), (1024, 1024)
-    return exact.displacement(mp.mpf(96), turn, pixel + 0.5, size)
+    return exact.displacement(mp.mpf(96), _turn(*poses[1:]), pixel + 0.5, (1024, 1024))
 
 
 def _eager(dtype: str, bound: float) -> Row:
