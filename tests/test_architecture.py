@@ -110,8 +110,9 @@ FOLDERS = {
     "envelope": [
         ("row",),
         ("engine", "exact_geometry"),
-        ("exact_estimates", "arguments"),
-        ("geometry", "pictures", "heads", "searches", "estimates"),
+        ("arguments",),
+        ("geometry", "curves", "heads", "estimates"),
+        ("pictures",),
         ("table",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],

@@ -23,17 +23,12 @@ BY_NAME = {row.name: row for row in ROWS}
 
 # One of each kind, of those that compile quickly.
 FEW = [
-    "quaternion.exp",
     "quaternion.log",
-    "camera.displacement, px",
-    "color.encode",
     "blending.ease",
     "frames.resampling.nearest",
     "HeadMotion.velocity_spectrum, wander",
-    "metrics.mtcd.mtcd",
     "metrics.image_error.snr",
     "reprojection.past_position, float32",
-    "head_fitting.whittle.log_values",
     "CurveSpace.natural (kim, linear, 1)",
 ]
 
@@ -43,11 +38,11 @@ def logarithm(**changes):
 
 
 def measured(row, **options):
-    return engine.measure([row], quick=True, **options)[0]
+    return next(engine.measure([row], quick=True, **options))
 
 
 def test_bounds_hold_in_the_quick_form_of_a_few():
-    found = engine.measure([BY_NAME[name] for name in FEW], quick=True)
+    found = list(engine.measure([BY_NAME[name] for name in FEW], quick=True))
     assert [row.name for row in found] == FEW
     assert {row.dtype for row in found} == {"float32"}
     for row in found:
@@ -56,7 +51,7 @@ def test_bounds_hold_in_the_quick_form_of_a_few():
 
 @pytest.mark.exhaustive
 def test_all_bounds_hold():
-    found = engine.measure(ROWS)
+    found = list(engine.measure(ROWS))
     assert not [row for row in found if not row.holds]
     assert {row.dtype for row in found} == {"float32", "float64"}
 

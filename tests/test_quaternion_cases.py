@@ -163,8 +163,8 @@ def test_series_and_closed_forms_meet_and_tiny_rotations_last(dtype):
         (matrix, exact.rotation_change, rotations[5:]),
     ]:
         with mp.workdps(50):
-            values = [[mp.mpf(float(x)) for x in row] for row in inputs]
-            answers = [[float(y) for y in theirs(row)] for row in values]
+            values = [np.array([mp.mpf(float(x)) for x in row]) for row in inputs]
+            answers = [[float(y) for y in theirs(row).ravel()] for row in values]
         found = ours(inputs).reshape(len(answers), -1)
         np.testing.assert_allclose(found, answers, rtol=6 * eps)
 

@@ -44,9 +44,11 @@ class EnvelopeCommand:
         from ..reports import envelope as report
 
         start = time.monotonic()
+        rows = []
         with Display(console) as display:
-            say = lambda row: display(Progress(doing=row.name))
-            rows = engine.measure(ROWS, seed=self.seed, quick=self.quick, progress=say)
+            for row in engine.measure(ROWS, seed=self.seed, quick=self.quick):
+                display(Progress(doing=row.name))
+                rows.append(row)
         console.print(report.table(rows, console.width))
         console.out(report.explanation(rows))
         file = report.write_csv(rows, self.out / "envelope.csv")

@@ -9,7 +9,7 @@ of a row in one dtype, with the inputs that give it, and its bound.
 
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -54,23 +54,16 @@ class Measurement(NamedTuple):
 
 
 def measure(
-    rows: Sequence[Row],
-    *,
-    seed: int = 0,
-    quick: bool = False,
-    progress: Callable[[Measurement], None] = lambda found: None,
-) -> list[Measurement]:
+    rows: Sequence[Row], *, seed: int = 0, quick: bool = False
+) -> Iterator[Measurement]:
     """Measure every row in every dtype that it has a bound for.
 
     The quick form has float32 only, and of each row the few inputs that it states.
     """
-    found = []
     for row in rows:
         for dtype in row.bounds:
             if not quick or (row.quick and dtype == DTYPES[0]):
-                found.append(measure_row(row, dtype, seed=seed, quick=quick))
-                progress(found[-1])
-    return found
+                yield measure_row(row, dtype, seed=seed, quick=quick)
 
 
 def measure_row(
@@ -82,32 +75,28 @@ def measure_row(
     """
     with jax.enable_x64(True), mp.workdps(DIGITS):
         rng = np.random.default_rng([seed, zlib.crc32(row.name.encode())])
-        inputs, bound = row.inputs(rng, np.dtype(dtype)), row.bounds[dtype]
+        inputs, (bound, steepest) = row.inputs(rng, np.dtype(dtype)), row.bounds[dtype]
         if quick and len(inputs) > row.quick:
             # Evenly, but not every second one: kinds of inputs alternate.
             places = np.linspace(0, len(inputs) - 1, row.quick).astype(int)
             inputs = [inputs[n] for n in places]
-        floating = [i for i, x in enumerate(inputs[0]) if _is_floating(x)]
-        wrt = tuple(floating if row.wrt is None else row.wrt)
-        wrt = () if math.isnan(bound.gradient) else wrt
-        evaluated = _evaluated(row, inputs, wrt, quick)
-        each = [
-            _errors(row, np.finfo(dtype), arguments, wrt, *found)
-            for arguments, found in zip(inputs, evaluated, strict=True)
-        ]
-    worst = (max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True))
+        wrt = tuple(i for i, x in enumerate(inputs[0]) if _is_floating(x))
+        wrt = () if math.isnan(steepest) else row.wrt or wrt
+        found = zip(inputs, *_evaluated(row, inputs, wrt, quick), strict=True)
+        each = [_errors(row, np.finfo(dtype), wrt, *one) for one in found]
+    worst = [max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True)]
     (error, where), (absolute, _), (relative, _), (gradient, place) = worst
-    gradient = gradient if wrt else math.nan
-    most, steepest = map(float, bound)
-    numbers = (error, most, absolute, relative, gradient, steepest)
+    slopes = gradient if wrt else math.nan, float(steepest)
+    numbers = error, float(bound), absolute, relative, *slopes
     named = row.name, row.over, dtype, row.unit
     return Measurement(*named, *numbers, where, place, len(inputs), seed)
 
 
-def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> list[tuple]:
+def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> tuple:
     """Values of all inputs; by argument, reverse and (unless quick) forward slopes."""
     if row.eager:
-        return [(np.ravel(row.function(*arguments)), []) for arguments in inputs]
+        values = [np.ravel(row.function(*arguments)) for arguments in inputs]
+        return values, [[]] * len(inputs)
     flat = lambda *arguments: jnp.ravel(row.function(*arguments))
 
     @jax.jit
@@ -118,43 +107,45 @@ def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> list[
         return flat(*arguments), list(zip(*jacobians, strict=True))
 
     batch = [jnp.asarray(np.stack(column)) for column in zip(*inputs, strict=True)]
-    found = jax.tree.map(np.asarray, all_of(*batch))
-    return [jax.tree.map(lambda x, n=n: x[n], found) for n in range(len(inputs))]
+    values, slopes = jax.tree.map(np.asarray, all_of(*batch))
+    at = lambda n: jax.tree.map(lambda slope: slope[n], slopes)
+    return values, [at(n) for n in range(len(inputs))]
 
 
 def _errors(
-    row: Row, number: Any, arguments: Inputs, wrt: tuple, ours: Any, jacobians: list
+    row: Row, number: Any, wrt: tuple, arguments: Inputs, ours: Any, jacobians: list
 ) -> list[tuple[float, str]]:
     """Judged, absolute and relative error of a value, and error of the gradient."""
     exact = [exact_numbers(x) for x in arguments]
     least = max(float(number.tiny / number.eps), _NOISE**2)
     answer = row.oracle(*exact)
-    is_sized = isinstance(answer, Sized)
-    values = answer.values if is_sized else answer
-    finite = [abs(x) for x in values if mp.isfinite(x)]
-    sizes = answer.sizes if is_sized else [max(finite, default=0)] * len(values)
-    sizes = [max(size, row.floor, least) for size in sizes]
-    gaps = distances(ours, values)
-    relative = max(gap / size for gap, size in zip(gaps, sizes, strict=True))
+    values, is_sized = _entries(answer), isinstance(answer, Sized)
+    largest = max((abs(x) for x in values if mp.isfinite(x)), default=0)
+    sizes = answer.sizes if is_sized else [largest] * len(values)
+    floor = max(row.floor(*arguments) if callable(row.floor) else row.floor, least)
+    sizes = np.array([max(size, floor) for size in sizes])
+    gaps = np.array(distances(ours, values))
+    relative, absolute = max(gaps / sizes), max(gaps)
     kinds = {"eps": relative / number.eps, "relative": relative}
-    where, worst = describe(arguments), [(0.0, "")]
+    judged = kinds.get(row.unit, absolute)
+    where, worst, is_kink = describe(arguments), [(0.0, "")], row.kink(*arguments)
     for i, slopes in zip(wrt, jacobians, strict=True):
-        if row.kink and row.kink(*arguments):
+        if is_kink:
             is_finite = all(np.isfinite(slope).all() for slope in slopes)
             worst.append((0.0 if is_finite else math.inf, where))
             continue
-        unit = row.slope_unit(arguments, i) if row.slope_unit else 0.0
-        floor = [size / max(unit, number.tiny) if unit else 0 for size in sizes]
+        unit = row.slope_unit
+        unit = unit(arguments, i) if callable(unit) else unit
         truth = _slope(row.oracle, exact, i)
-        largest = np.abs(truth) if is_sized else np.max(np.abs(truth))
-        divisor = np.maximum(largest, np.maximum(np.c_[floor], least))
+        steepest = np.abs(truth) if is_sized else np.max(np.abs(truth))
+        smallest = sizes[:, None] / max(unit, number.tiny) if unit else least
+        divisor = np.maximum(steepest, np.maximum(smallest, least))
         for slope in slopes:
             gap = np.reshape(distances(slope, truth.ravel()), truth.shape)
             error = np.max(gap / divisor / number.eps)
             error = _float(error * (error > _NOISE))
             worst.append((error, f"{where}; by argument {i}"))
-    judged = kinds.get(row.unit, max(gaps))
-    errors = [(_float(x), where) for x in (judged, max(gaps), relative)]
+    errors = [(_float(x), where) for x in (judged, absolute, relative)]
     return [*errors, max(worst)]
 
 
@@ -166,8 +157,9 @@ def exact_numbers(argument: Any) -> Any:
     """Exactly the same numbers in mpmath; what is not floating stays as it is."""
     if not _is_floating(argument):
         return argument
-    numbers = [mp.mpf(float(x)) for x in np.ravel(argument)]
-    return np.array([*numbers, None], object)[:-1].reshape(argument.shape)[()]
+    found = np.empty(argument.size, object)
+    found[:] = [mp.mpf(float(x)) for x in np.ravel(argument)]
+    return found.reshape(argument.shape)[()]
 
 
 def distances(ours: Any, exact: Any) -> list:
@@ -178,6 +170,12 @@ def distances(ours: Any, exact: Any) -> list:
         has_gap = not is_right and math.isfinite(x) and mp.isfinite(y)
         gaps.append(abs(x - y) if has_gap else mp.mpf(0) if is_right else mp.inf)
     return gaps
+
+
+def _entries(answer: Any) -> np.ndarray:
+    """Numbers of an exact answer in a row."""
+    numbers = answer.values if isinstance(answer, Sized) else answer
+    return np.asarray(numbers, object).ravel()
 
 
 def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
@@ -193,19 +191,16 @@ def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
         for move in (step, -step):
             moved = argument.copy()
             moved[place] += move
-            found = oracle(*arguments[:index], moved[()], *arguments[index + 1 :])
-            sides.append(found.values if isinstance(found, Sized) else found)
-        pairs = zip(*sides, strict=True)
-        columns.append([(ahead - behind) / (2 * step) for ahead, behind in pairs])
+            given = *arguments[:index], moved[()], *arguments[index + 1 :]
+            sides.append(_entries(oracle(*given)))
+        columns.append((sides[0] - sides[1]) / (2 * step))
     return np.array(columns, object).T
 
 
 def describe(arguments: Inputs) -> str:
     """Write inputs in one line; small arrays so that they can be typed in again."""
     texts = []
-    for x in arguments:
-        if isinstance(x, np.ndarray | np.generic):
-            ends = f"{float(np.min(x))!r} to {float(np.max(x))!r}"
-            x = x.tolist() if x.size <= 100 else f"{x.shape} numbers, {ends}"
-        texts.append(" ".join(str(x).split()))
+    for x in map(np.asarray, arguments):
+        ends = f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
+        texts.append(str(x.tolist()) if x.size <= 100 else ends)
     return " ".join(texts)

@@ -5,6 +5,7 @@ operation on the way of a value, twice as many of a gradient, with some room, si
 processors differ in what they fuse.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -22,15 +23,11 @@ from ..frames.motion import rebased_motion
 from ..reprojection import past_position
 from . import arguments as of
 from . import exact_geometry as exact
-from .row import Bound, Inputs, Row, eps, mp, own_size
+from .row import Argument, Bound, Inputs, Row, eps, mp, own_size
 
-_ANY, _PAIR, _PATH = [of.rotation()], [of.two_poses()], [of.PATH]
-_MOVED = [of.QUATERNION, of.VECTOR]
 _scaled = partial(Row, slope_unit=own_size)
 
-
-def _has_denormals(rotation: np.ndarray) -> bool:
-    return bool(0 < np.max(np.abs(rotation)) < np.finfo(rotation.dtype).tiny)
+# --- rotations ---
 
 
 def _up_to_sign(q: Any) -> list:
@@ -39,64 +36,70 @@ def _up_to_sign(q: Any) -> list:
     return [*(x if largest > 0 else -x for x in q), min(q[0] + 1e-9, 0)]
 
 
+_turn = lambda *poses: exact.log(exact.relative(*poses))
+_increments = lambda q: np.stack([_turn(*q[[max(n - 1, 0), n]]) for n in range(4)])
+_offsets = lambda poses: np.stack([_turn(poses[0], pose) for pose in poses])
 _half_turn = lambda q: abs(q[0]) < 1e-6
+_has_denormals = lambda r: 0 < np.max(np.abs(r)) < np.finfo(r.dtype).tiny
 _rebased = lambda *poses: _up_to_sign(quaternion.rebase(np.stack(poses))[1])
 _exact_rebased = lambda *poses: _up_to_sign(exact.relative(*poses))
-_numpy = partial(Row, unit="absolute", eager=True, quick=0)
-_HALF_TURNS, _ULPS = [of.two_poses(math.pi)], {"float64": Bound(4 * math.ulp(1.0))}
+_numpy = partial(Row, unit="absolute", name="quaternion.rebase", eager=True, quick=0)
+
+_ANY, _QUATERNION = [of.rotation()], [of.QUATERNION]
+_apart = partial(of.poses, "0, denormals, 1e-30 to pi rad apart, q and -q")
+_PAIR = [of.apart(_apart(of.rotation(most=math.pi - 1e-5)))]
+_ANY_PAIR, _ULPS = [of.apart(_apart(of.rotation()))], {"float64": Bound(2.0**-50)}
+_NEAR = "0, denormals, 1e-30 to 1 rad, from the hold pose"
+_PATH = [of.poses(_NEAR, *[of.rotation(most=1.0)] * 3, is_anywhere=False)]
+_VECTOR = of.vectors(of.logarithmic("vectors of 1e-6 to 1e6", low=1e-6, high=1e6))
 
 QUATERNIONS = [
     Row(quaternion.exp, exact.exp, _ANY, eps(4, 8)),
-    Row(quaternion.log, exact.log, [of.QUATERNION], eps(6, 12), kink=_half_turn),
-    Row(quaternion.angle, exact.angle, _ANY, eps(4, 8), kink=_has_denormals),
+    Row(quaternion.log, exact.log, _QUATERNION, eps(6, 12), kink=_half_turn),
+    Row(quaternion.angle, mp.norm, _ANY, eps(4, 8), kink=_has_denormals),
     Row(quaternion.multiply, exact.multiply, _PAIR, eps(4, 1)),
-    Row(quaternion.conjugate, exact.conjugate, [of.QUATERNION], eps(0, 0)),
-    Row(quaternion.rotate, exact.rotate, _MOVED, eps(8, 8)),
+    Row(quaternion.conjugate, exact.conjugate, _QUATERNION, eps(0, 0)),
+    Row(quaternion.rotate, exact.rotate, [*_QUATERNION, _VECTOR], eps(8, 8)),
     Row(quaternion.relative, exact.relative, _PAIR, eps(4, 4)),
     _scaled(quaternion.slerp, exact.slerp, [*_PAIR, of.FRACTION], eps(8, 24)),
-    Row(quaternion.increments, exact.increments, _PATH, eps(8, 16), quick=0),
-    Row(quaternion.offsets, exact.offsets, _PATH, eps(8, 16)),
+    Row(quaternion.increments, _increments, _PATH, eps(8, 16), quick=0),
+    Row(quaternion.offsets, _offsets, _PATH, eps(8, 16)),
     Row(quaternion.matrix_minus_identity, exact.rotation_change, _ANY, eps(6, 16)),
-    _numpy(_rebased, _exact_rebased, _HALF_TURNS, _ULPS, name="quaternion.rebase"),
+    _numpy(_rebased, _exact_rebased, _ANY_PAIR, _ULPS),
 ]
 
 # --- cameras ---
 
 
-def _displacement(seen: Camera, turn: Any, pixel: Any) -> Any:
-    return jnp.stack(camera.displacement(seen, turn, *pixel)[:2])
+def _row(function: Callable, *given: Any, **options: Any) -> Row:
+    """Row of a function of a camera, as one of a field of view."""
+    at = lambda fov, *others: function(Camera(*exact.SIZE_PX, fov, 60.0), *others)
+    options = {"slope_unit": own_size, **options}
+    return Row(functools.wraps(function)(at), *given, **options)
 
 
 def _is_in_front(fov: Any, turn: Any, pixel: Any) -> bool:
     """Whether no ray nearly turns into the image plane, and projects to infinity."""
-    ray = exact.turned(float(fov), turn.astype(float), pixel.astype(float))
-    return bool(-ray[2] >= 1e-2 * exact.angle(ray)[0])
+    ray = exact.turned(*(x.astype(float) for x in (fov, turn, pixel)))
+    return -ray[2] >= 1e-2 * mp.norm(ray)
 
 
-def _homography(fov: Any, rotation: Any) -> list:
+def _homography(fov: Any, rotation: Any) -> Any:
     """`K R K^-1`."""
-    focal, (cx, cy) = exact.focal_px(fov), (mp.mpf(size) / 2 for size in exact.SIZE_PX)
-    to_ray = mp.matrix([[1, 0, -cx], [0, -1, cy], [0, 0, -focal]]) / focal
-    to_pixel = mp.matrix([[-focal, 0, cx], [0, focal, cy], [0, 0, 1]])
-    change = mp.matrix(np.reshape(exact.rotation_change(rotation), (3, 3)).tolist())
-    return list(to_pixel * (change + mp.eye(3)) * to_ray)
+    focal, (cx, cy) = exact.focal_px(fov), (size / 2 for size in exact.SIZE_PX)
+    to_ray = np.array([[1, 0, -cx], [0, -1, cy], [0, 0, -focal]]) / focal
+    to_pixel = np.array([[-focal, 0, cx], [0, focal, cy], [0, 0, 1]])
+    turn = exact.rotation_change(rotation) + np.eye(3, dtype=int)
+    return to_pixel.dot(turn).dot(to_ray)
 
 
-def _largest_factor(focal: Any) -> Any:
+def _largest_factor(fov: Any, rotation: Any) -> float:
     """By what K and K^-1 multiply R: f, or (W / 2)^2 / f of wide views.
 
     By it entries of K R K^-1 are judged where those of R cancel.
     """
+    focal = float(exact.focal_px(float(fov)))
     return focal + (exact.SIZE_PX[0] / 2) ** 2 / focal
-
-
-def _far(seen: Camera, turn: Any) -> Any:
-    found = camera.homography(seen, turn).ravel()
-    return jnp.append(found, _largest_factor(seen.focal_px))
-
-
-def _exact_far(fov: Any, turn: Any) -> list:
-    return [*_homography(fov, turn), _largest_factor(exact.focal_px(fov))]
 
 
 def _px_per_deg(fov: Any, pixel: Any) -> list:
@@ -112,40 +115,28 @@ def _own_or_to_180(arguments: Inputs, index: int) -> float:
     return size if index else min(size, 180.0 - size)
 
 
-def _row(name: str, function: Callable, *given: Any, **options: Any) -> Row:
-    of_fov = lambda fov, *at: function(Camera(*exact.SIZE_PX, fov, 60.0), *at)
-    options = {"slope_unit": own_size, **options}
-    return Row(of_fov, *given, name=f"camera.{name}", **options)
-
-
-_behind = lambda fov, ray: bool(ray[2] >= 0)
-_homographies = partial(_row, quick=0)
+_behind = lambda fov, ray: ray[2] >= 0
+_stacked = lambda *at: jnp.stack(camera.displacement(*at[:2], *at[2])[:2])
+_moved = partial(_row, _stacked, exact.displacement)
+_matrix = partial(_row, camera.homography, _homography, slope_unit=_own_or_to_180)
 _TURNED, _FAR = [of.FOV, of.rotation(most=1.0)], [of.FOV, of.rotation(1.0)]
 _ANYWHERE, _WHERE = [of.FOV, of.rotation(), of.PIXEL], [of.FOV, of.PIXEL]
-_SMALL = [of.uniform("1024 px, 96 deg", 96.0), of.rotation(1e-7, 0.1), of.PIXEL]
-_ABOUT = eps(16, 1e3)  # near the image plane a ray's slope is 100 times what it moves
+_SMALL = [of.numbers("1024 px, 96 deg", 96.0), of.rotation(1e-7, 0.1), of.PIXEL]
 _PX = {"float32": Bound(1e-3, 64), "float64": Bound(1e-11, 64)}
-_MOST: Any = {"kept": _is_in_front, "count": 120}
-_ROLL: Any = {"slope_unit": _own_or_to_180}
-_RAYS, _BY_FACTOR = [of.FOV, of.RAY], "homography, of f + (W / 2)^2 / f"
+_MOVED, _BY_FACTOR = "camera.displacement", "camera.homography, of f + (W / 2)^2 / f"
+_JUDGED: Any = {"name": _BY_FACTOR, "floor": _largest_factor, "quick": 0}
+# Near the image plane a ray's slope is 100 times what it moves.
+_FRONT: Any = {"bounds": eps(16, 1e3), "kept": _is_in_front, "count": 120}
+_RAYS: Any = {"arguments": [of.FOV, of.RAY], "kink": _behind}
 
 CAMERAS = [
-    _row("displacement", _displacement, exact.displacement, _ANYWHERE, _ABOUT, **_MOST),
-    _row("displacement, px", _displacement, exact.displacement, _SMALL, _PX, "px"),
-    _homographies(
-        "homography", camera.homography, _homography, _TURNED, eps(16, 64), **_ROLL
-    ),
-    _homographies(_BY_FACTOR, _far, _exact_far, _FAR, eps(16, 64)),
-    _row("pixel_to_ray", camera.pixel_to_ray, exact.ray, _WHERE, eps(4, 8)),
-    _row(
-        "ray_to_pixel",
-        camera.ray_to_pixel,
-        exact.project,
-        _RAYS,
-        eps(8, 16),
-        kink=_behind,
-    ),
-    _row("px_per_deg", camera.px_per_deg, _px_per_deg, _WHERE, eps(8, 16)),
+    _moved(_ANYWHERE, name=_MOVED, **_FRONT),
+    _moved(_SMALL, _PX, "px", f"{_MOVED}, px"),
+    _matrix(_TURNED, eps(16, 64), quick=0),
+    _matrix(_FAR, eps(16, 64), **_JUDGED),
+    _row(camera.pixel_to_ray, exact.ray, _WHERE, eps(4, 8)),
+    _row(camera.ray_to_pixel, exact.project, bounds=eps(8, 16), **_RAYS),
+    _row(camera.px_per_deg, _px_per_deg, _WHERE, eps(8, 16)),
 ]
 
 # --- Kim et al.'s equation (1) ---
@@ -157,11 +148,10 @@ def _past(turn: Any, closeness: Any) -> Any:
     return jnp.stack(moved.px())
 
 
-def _exact_past(turn: Any, closeness: Any) -> list:
-    pixels = [(i + mp.mpf(0.5), j + mp.mpf(0.5)) for j, i in np.ndindex(2, 3)]
-    part, fov = [(1 - closeness) * x for x in turn], mp.mpf(96)
-    moved = [exact.displacement(fov, part, pixel, (3, 2)) for pixel in pixels]
-    return [x for axis in zip(*moved, strict=True) for x in axis]
+def _exact_past(turn: Any, closeness: Any) -> Any:
+    pixels = np.array([[i + 0.5, j + 0.5] for j, i in np.ndindex(2, 3)])
+    moved = partial(exact.displacement, mp.mpf(96), turn * (1 - closeness))
+    return np.stack([moved(pixel, (3, 2)) for pixel in pixels]).T
 
 
 @jax.jit
@@ -173,29 +163,26 @@ def _past_px(increment: Any, x0: Any, y0: Any) -> Any:
 
 def _past_of_poses(dtype: str, poses: np.ndarray, pixel: np.ndarray) -> Any:
     increment = rebased_motion(poses, dtype).increment[2]
-    return _past_px(increment, *(jnp.int32(x) for x in pixel))
+    return _past_px(increment, *pixel.astype(np.int32))
 
 
-def _exact_past_of_poses(poses: Any, pixel: Any) -> list:
-    turn, place = exact.log(exact.relative(*poses[1:])), pixel + mp.mpf(0.5)
-    return exact.displacement(mp.mpf(96), turn, place, (1024, 1024))
+def _exact_past_of_poses(poses: Any, pixel: Any) -> Any:
+    return exact.displacement(mp.mpf(96), _turn(*poses[1:]), pixel + 0.5, (1024, 1024))
 
 
 def _eager(dtype: str, bound: float) -> Row:
-    function, name = (
-        partial(_past_of_poses, dtype),
-        f"reprojection.past_position, {dtype}",
-    )
-    arguments, bounds = [of.HOLD_AND_TURN, of.PLACE], {dtype: Bound(bound)}
-    kept: Any = {"eager": True, "count": 240}
-    return Row(function, _exact_past_of_poses, arguments, bounds, "px", name, **kept)
+    function, name = partial(_past_of_poses, dtype), "reprojection.past_position"
+    given = _exact_past_of_poses, _DRAWN, {dtype: Bound(bound)}, "px"
+    return Row(function, *given, f"{name}, {dtype}", eager=True, count=240)
 
 
-_CLOSE = [of.rotation(most=0.3), of.CLOSENESS]
-_PART = "frames.displacement.Displacement.px, (1 - d) r"
+_WORDS = "1e-7 to 0.1 rad per frame, any hold pose, up to 0.35 rad off it"
+_PLACE = Argument("1024 px, 96 deg", lambda rng, *_: rng.choice([0, 100, 511, 1023], 2))
+_DRAWN = [of.poses(_WORDS, of.rotation(0.01, 0.35), of.rotation(1e-7, 0.1)), _PLACE]
+_CLOSE, _PART = [of.rotation(most=0.3), of.SHARE], "frames.displacement.Displacement.px"
 
 PASTS = [
-    _scaled(_past, _exact_past, _CLOSE, eps(16, 16), name=_PART),
+    _scaled(_past, _exact_past, _CLOSE, eps(16, 16), name=f"{_PART}, (1 - d) r"),
     # What is asked for; 2.6e-5 px is found in float32.
     _eager("float32", 1e-3),
     _eager("float64", 1e-11),

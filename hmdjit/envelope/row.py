@@ -42,23 +42,13 @@ class Argument(NamedTuple):
 class Sized(NamedTuple):
     """An exact answer whose entries count by their own sizes, not by the largest."""
 
-    values: list
-    sizes: list
+    values: Any
+    sizes: Any
 
 
 def own_size(arguments: Inputs, index: int) -> float:
     """Largest entry of an argument, as a `slope_unit`: by this much it may change."""
     return float(np.max(np.abs(arguments[index])))
-
-
-def one(arguments: Inputs, index: int) -> float:
-    """Return the unit of arguments that have no scale, as a `slope_unit`."""
-    return 1.0
-
-
-def path(function: Callable) -> str:
-    """Return a function's module in the package and its name."""
-    return f"{function.__module__.removeprefix('hmdjit.')}.{function.__name__}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,14 +57,14 @@ class Row:
 
     - `function`: of JAX arrays, unbatched; of what is drawn, if `eager`.
     - `oracle`: of the same arguments in mpmath numbers (arrays are arrays of them);
-      entries flattened, or `Sized`.
+      a number, an array, or `Sized`.
     - `bounds`: by dtype; those it lacks are not measured.
     - `unit`: `"eps"`: the error is relative to the answer's largest entry, in units of
       the dtype's eps; `"relative"`: without it. Else errors are absolute, in that unit.
-    - `name`: by default the function's path.
-    - `floor`: answers below this count as this large.
-    - `slope_unit`: from all arguments and the place of one; gradients below the answer
-      over this count as this large. Without one, or of 0, they have no floor.
+    - `name`: by default the function's path in the package.
+    - `floor`: smaller answers count as this large; a number, or of the arguments.
+    - `slope_unit`: gradients below the answer over this count as this large; a number,
+      or of all arguments and the place of one. None, or of 0, they have no floor.
     - `wrt`: arguments to differentiate by; None is all that are floating.
     - `kink`: tells where the answer has no derivative (ours must be finite).
     - `kept`: tells which inputs are within the range, where arguments depend on others.
@@ -89,18 +79,19 @@ class Row:
     bounds: dict[str, Bound]
     unit: str = "eps"
     name: str = ""
-    floor: float = 0.0
-    slope_unit: Callable[[Inputs, int], float] | None = None
+    floor: float | Callable[..., float] = 0.0
+    slope_unit: float | Callable[[Inputs, int], float] = 0.0
     wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] | None = None
-    kept: Callable[..., bool] | None = None
+    kink: Callable[..., bool] = lambda *arguments: False
+    kept: Callable[..., bool] = lambda *arguments: True
     eager: bool = False
     count: int = 50
     quick: int = 24
 
     def __post_init__(self):
-        if not self.name:
-            object.__setattr__(self, "name", path(self.function))
+        module = getattr(self.function, "__module__", "").removeprefix("hmdjit.")
+        name = self.name or f"{module}.{self.function.__name__}"
+        object.__setattr__(self, "name", name)
 
     @property
     def over(self) -> str:
@@ -110,10 +101,10 @@ class Row:
     def inputs(self, rng: Rng, dtype: np.dtype) -> list[Inputs]:
         """Draw all inputs, rounded to a dtype."""
         columns = []
-        for n, argument in enumerate(self.arguments):
+        for argument in self.arguments:
             drawn = [argument.draw(rng, dtype, k) for k in range(self.count)]
             # Else extremes would only meet those of other arguments at the same n.
-            order = rng.permutation(self.count) if n else range(self.count)
+            order = rng.permutation(self.count) if columns else range(self.count)
             columns.append([drawn[k] for k in order])
         found = []
         for parts in zip(*columns, strict=True):
@@ -122,4 +113,4 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [x for x in found if self.kept is None or self.kept(*x)]
+        return [x for x in found if self.kept(*x)]

@@ -1,6 +1,6 @@
 """The table: every public function of numbers, row by row."""
 
-from . import estimates, geometry, heads, pictures, searches
+from . import curves, estimates, geometry, heads, pictures
 
 ROWS = [
     *geometry.QUATERNIONS,
@@ -8,9 +8,8 @@ ROWS = [
     *geometry.PASTS,
     *pictures.COLOURS,
     *pictures.READERS,
-    *pictures.CURVES,
+    *curves.CURVES,
     *heads.HEADS,
-    *searches.SEARCHES,
     *pictures.METRICS,
     *estimates.ESTIMATES,
 ]
