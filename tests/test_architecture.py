@@ -69,6 +69,7 @@ FOLDERS = {
     "techniques": [
         ("small_motion",),
         ("base",),
+        ("contract",),
         ("check",),
         ("*",),
         ("curve_file",),

@@ -76,6 +76,8 @@ def simulate(
     chosen gradient are exactly 0.
     """
     _checks.whole("warmup", warmup, 0)
+    check_hints(technique)
+    check_metrics(metrics)
     check_poses(poses)
     if poses.shape[0] - warmup < 2:
         raise ValueError(
@@ -90,8 +92,6 @@ def simulate(
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     check_texture(texture, camera, region)
     check_gives(texture.gives, "this scene", technique)
-    check_hints(technique)
-    check_metrics(metrics)
     # A texture that was baked before brings the precision of the simulation, down to
     # float32: shorter texels are only stored so.
     stored = texture.color_texels.dtype
