@@ -49,6 +49,8 @@ class StudyCommand(Options):
             )
         elif goal.budget_s is not None:
             sessions = f"sessions for {goal.budget_s:g} s, each"
+        elif goal.repeat is not None:
+            sessions = f"as many sessions as in {options.repeat}, each"
         head = "" if is_replay else f"{options.head or HEAD}, "
         console.out(
             f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
@@ -67,7 +69,9 @@ class StudyCommand(Options):
                     progress=display,
                     tolerance=goal.tolerance,
                     budget_s=goal.budget_s,
+                    repeat=goal.repeat,
                     omit_failed=options.omit_failed,
+                    overwrite=options.overwrite,
                 )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
@@ -76,4 +80,9 @@ class StudyCommand(Options):
         written = report.write_report(dataset, out)
         report.print_table(dataset, console=console)
         console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
+        if goal.budget_s is not None:
+            console.out(
+                "How many sessions these are followed the clock: instead of --budget, "
+                f"--repeat {out / 'result.nc'} runs as many again."
+            )
         return OK
