@@ -67,8 +67,11 @@ def check_declared(technique: AbstractTechnique) -> None:
 
 def _check_step(technique: AbstractTechnique) -> None:
     name, size = technique.id, (3, _CAMERA.height_px, _CAMERA.width_px)
-    frame = blank_frame(technique, _CAMERA, Region.whole(_CAMERA), jnp.float32)
-    still = jnp.zeros(3, jnp.float32)
+    kept = [jnp.result_type(x) for x in jax.tree.leaves(technique) if eqx.is_array(x)]
+    floats = [dtype for dtype in kept if jnp.issubdtype(dtype, jnp.floating)]
+    dtype = max([jnp.dtype(jnp.float32), *floats], key=lambda dtype: dtype.itemsize)
+    frame = blank_frame(technique, _CAMERA, Region.whole(_CAMERA), dtype)
+    still = jnp.zeros(3, dtype)
     state = jax.eval_shape(technique.init, frame)
     found = jax.eval_shape(technique.step, state, frame, Motion(still, still))
     if not isinstance(found, tuple) or len(found) != 2:
@@ -76,10 +79,10 @@ def _check_step(technique: AbstractTechnique) -> None:
             f"step of {name} must return (state, displayed), got {_words(found)}."
         )
     after, shown = found
-    if getattr(shown, "shape", None) != size or shown.dtype != jnp.float32:
+    if getattr(shown, "shape", None) != size or shown.dtype != dtype:
         raise ValueError(
             f"step of {name} must display (3, height, width) of the frame's dtype, "
-            f"float32 {size} here, got {_words(shown)}."
+            f"{dtype} {size} here, got {_words(shown)}."
         )
     if _words(after) != _words(state):
         raise ValueError(
