@@ -204,6 +204,23 @@ def test_what_no_version_knows_is_never_kept(tmp_path, simulated, monkeypatch):
     assert simulated == [["none", "dimmed"]] * 2
 
 
+def test_classes_that_differ_in_their_code_only_are_told_apart(simulated):
+    def scaled(factor):
+        class Scaled(AbstractSpatial):
+            id = f"scaled_{factor}"  # type: ignore[assignment]
+
+            def resolve(self, frame):
+                return factor * frame.color[0]
+
+        return Scaled()
+
+    techniques = [scaled(0.2), scaled(0.4)]
+    small.study(
+        techniques=techniques, baseline="scaled_0.2", measure=WholeFrame()
+    ).run()
+    assert simulated == [["scaled_0.2", "scaled_0.4"]]
+
+
 @pytest.mark.slow
 def test_a_number_changed_elsewhere_changes_the_result(tmp_path, monkeypatch):
     before = _of_ones_own(Dimmed()).run(out=tmp_path)["mtcd"]

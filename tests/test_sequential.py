@@ -133,6 +133,7 @@ def test_a_tolerance_asks_no_clock(untyped, monkeypatch):
 
 
 def test_what_a_budget_allowed_is_repeated(untyped, monkeypatch):
+    monkeypatch.setattr(until, "MOST_SESSIONS", 100)  # it asks for no more than it has
     ticks = itertools.count()
     budget = until.Goal(budget_s=0.07)
     cell, plan = _until(budget, lambda: 1e-3 * next(ticks), monkeypatch)

@@ -119,7 +119,7 @@ class Until:
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, share = self._plan(name, measure)
-        if plan.sessions > MOST_SESSIONS:
+        if self._goal.tolerance is not None and plan.sessions > MOST_SESSIONS:
             raise ValueError(
                 f"tolerance {self._goal.tolerance:g} would take {plan.sessions:,} "
                 f"sessions of {name}; at most {MOST_SESSIONS:,} are run."
