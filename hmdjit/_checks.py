@@ -109,8 +109,29 @@ def floating(name: str, values: Any, allowed: str = "floating") -> None:
 
 def whole(name: str, value: Any, low: int) -> None:
     """Raise unless `value` is a whole number of at least `low`."""
-    if isinstance(value, bool) or not hasattr(value, "__index__") or value < low:
+    if is_traced(value):
+        raise ValueError(
+            f"{name} must be a whole number >= {low} that is known while compiling, "
+            "got a traced one: name it in static_argnames."
+        )
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | np.integer)
+        or value < low
+    ):
         raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}.")
+
+
+def random_key(key: Any) -> None:
+    """Raise unless a value is one random key of JAX's, of the new style or the old."""
+    dtype, shape = getattr(key, "dtype", None), getattr(key, "shape", None)
+    is_new = dtype is not None and jnp.issubdtype(dtype, jax.dtypes.prng_key)
+    is_old = dtype == np.uint32 and shape in ((2,), (4,))
+    if not ((is_new and shape == ()) or is_old):
+        raise ValueError(
+            f"key must be one random key, as jax.random.key(0) gives, got "
+            f"{' '.join(repr(key).split())}."
+        )
 
 
 def known_keys(keys: Iterable[str], known: Iterable[str], prefix: str = "") -> None:

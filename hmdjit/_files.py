@@ -11,13 +11,21 @@ from typing import Any
 
 @contextlib.contextmanager
 def written_atomically(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a path to write to, which replaces `path` only once all is written."""
+    """Give a path to write to, which replaces `path` only once all is written.
+
+    **Errors:** `OSError` that names `path`, as on a full disk.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield unfinished
         os.replace(unfinished, path)
+    except OSError as error:
+        if error.filename not in (None, str(unfinished), unfinished):
+            raise  # of another file, read in between
+        reason = error.strerror or str(error)
+        raise OSError(error.errno, reason, str(path)) from error
     finally:
         unfinished.unlink(missing_ok=True)
 

@@ -72,6 +72,7 @@ FOLDERS = {
     "techniques": [
         ("small_motion",),
         ("base",),
+        ("contract",),
         ("check",),
         ("*",),
         ("curve_file",),

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,11 +14,14 @@ import xarray
 
 import hmdjit as hj
 from hmdjit.estimates.summary import summarize
+from hmdjit.scenes.base import AbstractScene
 from hmdjit.simulation.halo import needed_halo_px
+from hmdjit.simulation.session import Result
 from hmdjit.studies import run as monte_carlo
 from hmdjit.studies import runner as batches
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
+from hmdjit.techniques.base import AbstractSpatial
 
 CAMERA = small.CAMERA_8_PX_PER_DEG
 IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")
@@ -36,7 +40,7 @@ def data():
 
 def _plain(**changes):
     """The same sessions, of the technique that is compiled soonest."""
-    return _study(techniques=[hj.techniques.NoAntialiasing()], **changes)
+    return _study(**{"techniques": [hj.techniques.NoAntialiasing()]} | changes)
 
 
 @pytest.fixture(scope="module")
@@ -129,8 +133,146 @@ def test_changing_anything_that_decides_a_batch_computes_it_anew(tmp_path):
     ]
     for change in changes:
         events = []
-        _study(**(small | change)).run(seed=0, out=tmp_path, progress=events.append)
+        _study(**(small | change)).run(
+            seed=0, out=tmp_path, overwrite=True, progress=events.append
+        )
         assert events[-1].fresh == events[-1].total, change
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Studies whose sessions measure nothing, and which techniques were run."""
+    ran = []
+
+    def run(self, techniques, texture, batch):
+        ran.append([technique.id for technique in techniques])
+        ones = np.ones(batch.size)
+        return [Result({"mtcd": ones, "detail_loss": ones}) for _ in techniques]
+
+    monkeypatch.setattr(batches.Runner, "run", run)
+    return ran
+
+
+FACTOR = 0.5
+
+
+class Dimmed(AbstractSpatial):
+    """Of a user's own, with a number from elsewhere."""
+
+    id = "dimmed"  # type: ignore[assignment]
+
+    def resolve(self, frame):
+        return FACTOR * frame.color[0]
+
+
+class Versioned(Dimmed):
+    version = 1
+
+
+class Grey(AbstractScene):
+    """Scene of a user's own."""
+
+    name: str = eqx.field(static=True, default="grey")
+
+    def color(self, camera, direction):
+        return jnp.full_like(direction, FACTOR)
+
+
+def _of_ones_own(technique, **changes):
+    techniques = [hj.techniques.NoAntialiasing(), technique]
+    settings = {"techniques": techniques, "sessions": 2, "measure": WholeFrame()}
+    return small.study(**settings | changes)
+
+
+def test_what_no_version_knows_is_never_kept(tmp_path, simulated, monkeypatch):
+    monkeypatch.setattr(jax, "clear_caches", lambda: None)  # nothing of ours is run
+    events = []
+    own = _of_ones_own(Dimmed())
+    for _ in range(2):
+        own.run(out=tmp_path, progress=events.append)
+    assert simulated == [["none", "dimmed"], ["dimmed"]]
+    line = "Not kept for another run, for they name no version: Dimmed."
+    assert [event.line for event in events if event.line] == [line] * 2
+    simulated.clear()
+    for _ in range(2):
+        _of_ones_own(Versioned()).run(out=tmp_path, overwrite=True)
+    assert simulated == [["dimmed"]]
+    simulated.clear()
+    scene = _of_ones_own(Versioned(), scenes={"mine": Grey()})
+    for _ in range(2):
+        scene.run(out=tmp_path, overwrite=True)
+    assert simulated == [["none", "dimmed"]] * 2
+
+
+def test_classes_that_differ_in_their_code_only_are_told_apart(simulated):
+    def scaled(factor):
+        class Scaled(AbstractSpatial):
+            id = f"scaled_{factor}"  # type: ignore[assignment]
+
+            def resolve(self, frame):
+                return factor * frame.color[0]
+
+        return Scaled()
+
+    techniques = [scaled(0.2), scaled(0.4)]
+    small.study(
+        techniques=techniques, baseline="scaled_0.2", measure=WholeFrame()
+    ).run()
+    assert simulated == [["scaled_0.2", "scaled_0.4"]]
+
+
+@pytest.mark.slow
+def test_a_number_changed_elsewhere_changes_the_result(tmp_path, monkeypatch):
+    before = _of_ones_own(Dimmed()).run(out=tmp_path)["mtcd"]
+    monkeypatch.setitem(globals(), "FACTOR", 0.25)
+    after = _of_ones_own(Dimmed()).run(out=tmp_path)["mtcd"]
+    np.testing.assert_array_equal(before[0], after[0])
+    np.testing.assert_allclose(after[1], before[1] / 2, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_settings_of_jax_that_move_numbers_are_of_the_key(tmp_path, simulated):
+    _plain().run(out=tmp_path)
+    with jax.default_matmul_precision("highest"):
+        _plain().run(out=tmp_path)
+    assert simulated == [["none"]] * 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "seed", "message"),
+    [
+        ({}, 1, r"other seed\)"),
+        ({"margin_deg": 3.0}, 0, r"other margin_deg\)"),
+        ({"sessions": 3}, 0, r"other sessions\)"),
+        ({"scenes": BOARD}, 0, r"other scene noise\)"),
+        (
+            {"techniques": [hj.techniques.Freeze()], "baseline": "freeze"},
+            0,
+            r"other baseline, technique none\)",
+        ),
+    ],
+)
+def test_another_study_s_result_is_not_replaced(
+    changes, seed, message, tmp_path, simulated
+):
+    _plain(sessions=4).run(out=tmp_path)
+    before = (tmp_path / "result.nc").read_bytes()
+    other = _plain(**{"sessions": 4} | changes)
+    with pytest.raises(ValueError, match=message) as stop:
+        other.run(seed, out=tmp_path)
+    assert "name another folder, or replace it with overwrite=True" in str(stop.value)
+    assert (tmp_path / "result.nc").read_bytes() == before
+    other.run(seed, out=tmp_path, overwrite=True)
+    assert (tmp_path / "result.nc").read_bytes() != before
+
+
+def test_a_study_s_own_part_is_replaced(tmp_path, simulated):
+    _plain(sessions=4, scenes=BOARD).run(out=tmp_path)
+    more = [hj.techniques.NoAntialiasing(), hj.techniques.Freeze()]
+    _study(techniques=more, sessions=5).run(out=tmp_path)
+    (tmp_path / "result.nc").write_bytes(b"of something else")
+    with pytest.raises(ValueError, match=r"other what wrote it\)"):
+        _plain().run(out=tmp_path)
 
 
 @pytest.mark.slow

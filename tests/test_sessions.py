@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hmdjit as hj
 from hmdjit.cli.definition import Options, build
@@ -15,6 +16,13 @@ def _trace(subject, seconds, rate_hz=90.0, seed=0):
     frames = round(seconds * rate_hz)
     poses = hj.HeadMotion.seated().sample(jax.random.key(seed), rate_hz, frames)
     return hj.Trace(np.arange(frames) / rate_hz, np.asarray(poses), subject=subject)
+
+
+def _still(subject, seconds, rate_hz=90.0):
+    """Recording whose poses no generator of JAX has drawn."""
+    turns = np.random.default_rng(0).normal(0, 1e-4, (round(seconds * rate_hz), 3))
+    poses = Rotation.from_rotvec(np.cumsum(turns, axis=0)).as_quat(scalar_first=True)
+    return hj.Trace(np.arange(len(poses)) / rate_hz, poses, subject=subject)
 
 
 def _sessions(count, head=None, seed=0):
@@ -58,6 +66,34 @@ def test_keys_are_threefry_whatever_the_default():
         jax.random.key_data(keys.head).tolist()
         != jax.random.key_data(keys.blocks).tolist()
     )
+
+
+@pytest.mark.parametrize("name", ["head", "replay"])
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("jax_enable_x64", False),
+        ("jax_threefry_partitionable", False),
+        ("jax_random_seed_offset", 5),
+    ],
+)
+def test_no_setting_of_jax_changes_what_is_drawn(name, setting, value):
+    replay = hj.Replay([_still("a", 2.0)]) if name == "replay" else None
+    expected = _sessions(9, replay).batch(0, 9)
+    before = getattr(jax.config, setting)
+    jax.config.update(setting, value)
+    try:
+        ours = _sessions(9, replay).batch(0, 9)
+    finally:
+        jax.config.update(setting, before)
+    np.testing.assert_array_equal(ours.origins, expected.origins)
+    np.testing.assert_array_equal(ours.motion.increment, expected.motion.increment)
+
+
+def test_all_tiles_of_a_frame_may_be_drawn():
+    # Beyond 2048 tiles places in the frame are more than 32 bits count.
+    origins = np.asarray(Tiles(4096, 16).draw(study_key(0), hj.Camera()))
+    assert len(np.unique(origins, axis=0)) == 4096
 
 
 def test_replay_gives_each_window_once_and_names_its_subject():

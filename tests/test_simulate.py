@@ -135,7 +135,8 @@ def test_one_compilation_serves_all_numbers_of_head_movement(rng):
 def test_a_technique_is_handed_colour_and_nothing_else(rng):
     simulated(Counting(jnp.zeros(FRAMES)), small.texture(rng), path(rng))
     for frame in TRACED:
-        assert frame.color.shape == (1, 3, HEIGHT, WIDTH)
+        # At the door also a small one.
+        assert frame.color.shape in ((1, 3, HEIGHT, WIDTH), (1, 3, 31, 33))
         assert frame.static_mask is None
         others = jax.tree.leaves(eqx.tree_at(lambda f: f.color, frame, None))
         assert all(jnp.ndim(number) == 0 for number in others)  # camera and region

@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
+import xarray
 
 import hmdjit as hj
 from hmdjit import curves
+from hmdjit._files import written_atomically
 from hmdjit.simulation.session import Result
-from hmdjit.studies.store import Store, fingerprint
+from hmdjit.studies.dataset import write_dataset
+from hmdjit.studies.store import Store, fingerprint, without_version
 
 
 def test_fingerprint_depends_on_every_number_and_type():
@@ -50,6 +53,33 @@ def test_fingerprint_refuses_what_it_cannot_take_apart():
         fingerprint(lambda: 0)
 
 
+class Mine(hj.techniques.NoAntialiasing):
+    """Of a user's own."""
+
+
+class Versioned(Mine):
+    version = 1
+
+
+class Renewed(Mine):
+    version = 2
+
+
+Renewed.__qualname__ = "Versioned"
+
+
+class Heir(Versioned):
+    """Adds code of which the version that it inherits says nothing."""
+
+
+def test_what_no_version_knows_is_named():
+    kim = hj.techniques.HeadMovement
+    assert without_version(Versioned(), kim(), hj.Camera(), [1, "a", None]) == []
+    assert without_version(Mine()) == ["Mine"]
+    assert without_version(kim(resolve=Heir()), {"a": [Mine()]}) == ["Heir", "Mine"]
+    assert fingerprint(Versioned()) != fingerprint(Renewed())
+
+
 def result(count, value=0.0):
     return Result({"mtcd": np.full(count, value), "detail_loss": np.ones(count)})
 
@@ -80,6 +110,45 @@ def test_names_of_kept_batches_are_names_of_files_anywhere(tmp_path):
     (file,) = (tmp_path / "batches").iterdir()
     assert file.name.startswith(f"a+b-_b_c_[1]-0-{'a' * 16}-")
     assert store.find(name, "a" * 64)
+
+
+def test_names_of_kept_batches_fit_any_file_system(tmp_path):
+    store, names = Store(tmp_path), ["a" * 230, "\N{CJK UNIFIED IDEOGRAPH-56F3}" * 230]
+    for name in names:
+        store.keep(f"{name}-0", "a" * 64, {"f" * 64: result(1)})
+        assert store.find(f"{name}-0", "a" * 64)
+    for file in (tmp_path / "batches").iterdir():
+        assert len(file.name.encode()) < 200
+
+
+@pytest.fixture
+def full_disk():
+    """Let no file become larger than 100 bytes."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path, full_disk):
+    dataset = xarray.Dataset({"mtcd": ("session", np.zeros(9))})
+    with pytest.raises(OSError, match="too large") as stop:
+        write_dataset(dataset, tmp_path / "result.nc")
+    assert stop.value.filename == str(tmp_path / "result.nc")
+    with pytest.raises(OSError, match="too large") as stop:
+        Store(tmp_path).keep("noise-0", "a" * 64, {"f" * 64: result(50)})
+    assert "noise-0-aaaaaaaaaaaaaaaa-" in str(stop.value.filename)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_what_cannot_be_read_meanwhile_is_told_by_its_own_name(tmp_path):
+    with (
+        pytest.raises(FileNotFoundError) as stop,
+        written_atomically(tmp_path / "written"),
+    ):
+        open(tmp_path / "missing").close()
+    assert stop.value.filename == str(tmp_path / "missing")
 
 
 def test_a_damaged_batch_counts_as_unfinished(tmp_path):

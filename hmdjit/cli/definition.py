@@ -5,6 +5,7 @@ the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 """
 
 import dataclasses
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,7 +34,7 @@ _RIVALS = (
     (("tiles", "tile_size"), ("crop",), ("whole_frame",)),
     (("scenes",), ("images", "panorama")),
     (("head",), ("trace",)),
-    (("sessions",), ("tolerance",), ("budget",)),
+    (("sessions",), ("tolerance",), ("budget",), ("repeat",)),
 )
 
 
@@ -58,8 +59,8 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
     for name in ("images", "panorama", "trace"):
         if name in values:
             values[name] = tuple(folder / file for file in values[name])
-    if "out" in values:
-        values["out"] = folder / values["out"]
+    for name in values.keys() & {"out", "repeat"}:
+        values[name] = folder / values[name]
     if "head" in values and is_head_file(folder / values["head"]):
         values["head"] = str(folder / values["head"])
     if "techniques" in values:
@@ -131,9 +132,6 @@ def _measure(options: Options) -> Measurement:
     if options.crop is not None:
         return CentralCrop(options.crop)
     said = {"count": options.tiles, "size_px": options.tile_size}
-    if options.tolerance is not None or options.budget is not None:
-        # A path costs a two-hundredth of a tile: one tile each for more sessions.
-        said["count"] = options.tiles or 1
     return Tiles(**{name: value for name, value in said.items() if value is not None})
 
 
@@ -173,10 +171,25 @@ def goal(options: Options, study: Study) -> Goal:
 
     **Errors:** `ValueError` naming the option and the value.
     """
-    if options.tolerance is None and options.budget is None:
-        return Goal()
     budget_s = None if options.budget is None else seconds(options.budget)
-    return study.goal(options.tolerance, budget_s)
+    repeat = None if options.repeat is None else ran(options.repeat)
+    return study.goal(options.tolerance, budget_s, repeat)
+
+
+def ran(path: Path) -> dict[str, list[int]]:
+    """Read how many sessions and predicted paths of each scene a budget allowed.
+
+    **Errors:** `ValueError` for a file that no study with a budget has written.
+    """
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as dataset:
+            return json.loads(dataset.attrs["ran"])
+    except (OSError, KeyError, ValueError):
+        raise ValueError(
+            f"repeat must be the result.nc of a study with a budget, got {path}."
+        ) from None
 
 
 def seconds(text: str) -> float:

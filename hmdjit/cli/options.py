@@ -123,7 +123,14 @@ class _StudyOptions:
         str | None,
         shown(
             "TIME",
-            "Run for this long, e.g. 30s, 5m or 1h, and know what is known then.",
+            "Run for this long, e.g. 30s, 5m or 1h, and know what is known then; how "
+            "many sessions that is depends on the machine.",
+        ),
+    ] = None
+    repeat: Annotated[
+        Path | None,
+        shown(
+            "RESULT.nc", "Run exactly as many sessions as a budget did, by its result."
         ),
     ] = None
     frames: Frames = None
@@ -165,6 +172,9 @@ class _StudyOptions:
         Path | None,
         shown("DIR", "Folder for everything written (default: hmdjit-study)."),
     ] = None
+    overwrite: Annotated[
+        bool, shown("", "Replace what another study wrote into that folder.")
+    ] = False
 
 
 @dataclasses.dataclass(frozen=True)

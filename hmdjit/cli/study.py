@@ -50,6 +50,8 @@ class StudyCommand(Options):
             )
         elif goal.budget_s is not None:
             sessions = f"sessions for {goal.budget_s:g} s, each"
+        elif goal.repeat is not None:
+            sessions = f"as many sessions as in {options.repeat}, each"
         for note in [note for trace in traces for note in trace.notes]:
             console.out(note)
         head = "" if is_replay else f"{options.head or HEAD}, "
@@ -70,7 +72,9 @@ class StudyCommand(Options):
                     progress=display,
                     tolerance=goal.tolerance,
                     budget_s=goal.budget_s,
+                    repeat=goal.repeat,
                     omit_failed=options.omit_failed,
+                    overwrite=options.overwrite,
                 )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
@@ -79,4 +83,9 @@ class StudyCommand(Options):
         written = report.write_report(dataset, out)
         report.print_table(dataset, console=console)
         console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
+        if goal.budget_s is not None:
+            console.out(
+                "How many sessions these are followed the clock: instead of --budget, "
+                f"--repeat {out / 'result.nc'} runs as many again."
+            )
         return OK

@@ -31,7 +31,7 @@ from ..studies.measured_blocks import Tiles
 from ..studies.progress import Progress, Tell
 from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
-from ..studies.store import fingerprint
+from ..studies.store import fingerprint, without_version
 from ..studies.study import Study
 from ..techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
 from ..techniques.base import AbstractTechnique
@@ -87,6 +87,8 @@ def fit(
         [float(study.margin_deg), jnp.result_type(float).name],
         list(study.scenes.values()),
     )
+    if without_version(study.scenes):  # which may have changed since
+        journal = None
     front = Front(sessions.problem, journal, key, progress)
     known = {FIRST_WEIGHT: front.first([np.asarray(start) for start in space.starts()])}
     known |= {weight: front.along(weight) for weight in FRONT_WEIGHTS}

@@ -143,7 +143,7 @@ class _Table:
             analyses = dataset["interim_analyses"].values
             levels = [interim_level(int(count)) for count in analyses]
             self.z = np.array(levels)
-            if "budget_s" in dataset.attrs:
+            if not {"budget_s", "ran"}.isdisjoint(dataset.attrs):
                 self.z[:] = Z95
             self.seconds = dataset["seconds"].values.astype(float)
             if is_left_out:

@@ -150,7 +150,8 @@ class HeadMotion(eqx.Module):
         **Returns:** `world_from_head`, unit quaternions `wxyz`, shape `(frames, 4)`. A
         session starts anywhere in the stationary law, some 1.4 deg off the hold pose.
 
-        **Errors:** `ValueError` for `rate_hz` and `frames` out of range.
+        **Errors:** `ValueError` for a `key` that is none, and for `rate_hz` and
+        `frames` out of range.
 
         **Accuracy:** exact in law at every rate: 60 and 120 Hz sample the same process
         (but for the tracker's noise, which is per frame). Of a model with an amplitude,
@@ -170,6 +171,7 @@ class HeadMotion(eqx.Module):
         dtype: DTypeLike | None = None,
     ) -> Path:
         """Draw the logarithms of `sample`'s poses, rad, shape `(frames, 3)`."""
+        _checks.random_key(key)
         _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
         _checks.whole("frames", frames, 1)
         dtype = jnp.dtype(_dtype(self) if dtype is None else dtype)

@@ -49,7 +49,7 @@ from ..studies.failures import FailedSessionsError
 from ..studies.measured_blocks import Measurement, Tiles
 from ..studies.progress import Progress, Tell
 from ..studies.runner import Runner, regions
-from ..studies.sessions import Batch, Sessions, session_keys, study_key
+from ..studies.sessions import Batch, Sessions, drawn_alike, session_keys, study_key
 from ..studies.study import check_seed
 from ..techniques.base import AbstractTechnique
 from ..techniques.check import check_hints
@@ -212,12 +212,13 @@ def _batch(
 ) -> Float[np.ndarray, "sessions columns"]:
     """MTCD of some sessions, and next to it its derivatives."""
     padded = np.resize(index, size)  # to compile once
-    value, gradient = over_sessions(
-        _differentiated,
-        (key, texture, parameters),
-        (jnp.asarray(padded, jnp.int32), drawn.origins[padded]),
-        **static,
-    )
+    with drawn_alike():
+        value, gradient = over_sessions(
+            _differentiated,
+            (key, texture, parameters),
+            (jnp.asarray(padded, jnp.int32), drawn.origins[padded]),
+            **static,
+        )
     leaves = [value, *jax.tree.leaves(gradient)]
     columns = [np.asarray(leaf, float).reshape(len(padded), -1) for leaf in leaves]
     return np.concatenate(columns, axis=1)[: len(index)]

@@ -15,7 +15,8 @@ from ..camera import Camera, Region
 from ..frames.motion import Motion
 from ..frames.sources import recorded_reads
 from ..techniques.base import AbstractTechnique
-from ..techniques.check import blank_frame, stencil_radius_px
+from ..techniques.check import stencil_radius_px
+from ..techniques.contract import blank_frame
 from . import blocks
 
 HALO_TOLERANCE = 1e-5

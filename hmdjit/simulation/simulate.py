@@ -77,6 +77,8 @@ def simulate(
     chosen gradient are exactly 0.
     """
     _checks.whole("warmup", warmup, 0)
+    check_hints(technique)
+    check_metrics(metrics)
     check_poses(poses)
     if poses.shape[0] - warmup < 2:
         raise ValueError(
@@ -91,8 +93,6 @@ def simulate(
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     check_texture(texture, camera, region)
     check_gives(texture.gives, "this scene", technique)
-    check_hints(technique)
-    check_metrics(metrics)
     # Texels shorter than float32 are only stored so.
     dtype = np.promote_types(texture.color_texels.dtype, np.promote_types(dtype, "f4"))
     motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)

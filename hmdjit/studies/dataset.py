@@ -1,5 +1,6 @@
 """What a study found, as an `xarray.Dataset` and a file."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,7 +55,35 @@ def gathered(
     return dataset
 
 
+def check_contains(path: Path, definition: Mapping[str, str], sessions: int) -> None:
+    """Raise unless a study contains the one whose result it is about to replace.
+
+    **Arguments:** `definition`: of `identity.definition`; `sessions`: it runs.
+
+    **Errors:** `ValueError` naming the file, and what differs.
+    """
+    import xarray
+
+    if not path.exists():
+        return
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as old:
+            known = json.loads(old.attrs["definition"])
+            has_more = old.sizes["session"] > sessions
+    except (OSError, KeyError, ValueError):
+        known, has_more = {"what wrote it": ""}, False
+    others = [name for name, value in known.items() if definition.get(name) != value]
+    others += ["sessions"] * has_more
+    if others:
+        raise ValueError(
+            f"out has the result of another study, {path} (other {', '.join(others)}): "
+            "name another folder, or replace it with overwrite=True (--overwrite)."
+        )
+
+
 def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:
     """Write a dataset as NetCDF 4, whole or not at all."""
+    # By way of memory: HDF5 itself does not survive a full disk.
+    content = dataset.to_netcdf(engine="h5netcdf")
     with written_atomically(path) as unfinished:
-        dataset.to_netcdf(unfinished, engine="h5netcdf")
+        unfinished.write_bytes(content)

@@ -14,6 +14,7 @@ from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene, check_scene
 from ..simulation.simulate import check_gives
 from ..techniques.base import AbstractTechnique
+from ..techniques.contract import check_declared
 from .measured_blocks import Measurement, Tiles
 from .sessions import Head
 
@@ -45,6 +46,15 @@ class StudyDefinition(eqx.Module):
             raise ValueError("scenes must name at least one scene, got none.")
         if not self.techniques:
             raise ValueError("techniques must name at least one technique, got none.")
+        for technique in self.techniques:
+            check_declared(technique)
+        for name, scene in self.scenes.items():
+            if not isinstance(scene, AbstractScene):
+                raise ValueError(
+                    f"scene {name} must be an AbstractScene, got {scene!r}."
+                )
+        if not isinstance(self.head, Head):
+            raise ValueError(f"head must be a HeadMotion or Replay, got {self.head!r}.")
         ids = [technique.id for technique in self.techniques]
         if len(set(ids)) < len(ids):
             raise ValueError(

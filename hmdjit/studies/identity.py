@@ -3,6 +3,7 @@
 Files carry it as attributes, figures and tables say it in words.
 """
 
+import dataclasses
 import platform
 import textwrap
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from .._version import __version__
 from ..camera import Camera
 from ..techniques import SSAA
 from .definition import StudyDefinition
+from .store import fingerprint
 
 if TYPE_CHECKING:
     import xarray
@@ -63,6 +65,18 @@ def attributes(
         "jax_version": jax.__version__,
         "numpy_version": np.__version__,
     }
+
+
+def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str]:
+    """Return what decides a study's numbers: names to short hashes of their values."""
+    fields = [field.name for field in dataclasses.fields(StudyDefinition)]
+    parts = {name: getattr(study, name) for name in fields}
+    scenes, techniques = parts.pop("scenes"), parts.pop("techniques")
+    del parts["sessions"]
+    parts |= {"seed": seed, "tolerance or budget": goal, "model version": MODEL_VERSION}
+    parts |= {f"scene {name}": scene for name, scene in scenes.items()}
+    parts |= {f"technique {technique.id}": technique for technique in techniques}
+    return {name: fingerprint(part)[:16] for name, part in parts.items()}
 
 
 def mean_px_per_deg(camera: Camera) -> float:

@@ -63,9 +63,9 @@ class Tiles(eqx.Module):
         """
         cells = jnp.asarray(_cells_along_z_curve(camera, self.size_px))
         # In 2^-20ths of a stratum: what rounding adds to a cell's share is below 2e-4.
-        within = jax.random.randint(key, (self.count,), 0, 1 << 20)
-        stratum = jnp.arange(self.count)
-        share = (stratum * (1 << 20) + within) / (self.count << 20)
+        within = jax.random.randint(key, (self.count,), 0, 1 << 20, jnp.int32)
+        stratum = jnp.arange(self.count, dtype=jnp.float32)
+        share = (stratum * 2**20 + within.astype(jnp.float32)) / (self.count * 2**20)
         index = jnp.floor(share * len(cells)).astype(jnp.int32)
         return cells[jnp.clip(index, 0, len(cells) - 1)]
 

@@ -21,24 +21,26 @@ from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.sharding import placed
 from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints
+from ..techniques.check import check_hints, forget_checks
 from ..techniques.small_motion import Still
 from ..theory.control_variates import Controls, control_of
-from .dataset import gathered, write_dataset
+from .dataset import check_contains, gathered, write_dataset
 from .definition import StudyDefinition
 from .failures import Failures
-from .identity import MODEL_VERSION, attributes
+from .identity import MODEL_VERSION, attributes, definition
 from .measured_blocks import Tiles
 from .progress import Progress, Tell
 from .runner import Runner
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
 from .sessions import Batch, Sessions
-from .store import Store, fingerprint
+from .store import Store, fingerprint, without_version
 
 if TYPE_CHECKING:
     import xarray
 
+# What moves numbers, but no draws; see `sessions`.
+_SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
 _PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
@@ -58,22 +60,38 @@ class Run:
         out: str | os.PathLike | None,
         batch_size: int,
         progress: Tell,
+        goal: Goal,
         *,
         omit_failed: bool,
+        overwrite: bool,
     ):
-        self.study, self.seed, self.tell = study, seed, progress
+        self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
-        self.failures = Failures(omit_failed, float(study.margin_deg), self.out)
         self.sessions = _sessions(study, seed, study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
-        self.store = Store(self.out)
+        self.definition = definition(study, seed, goal)
+        if self.out is not None and not overwrite:
+            most = self.sessions.count if goal == Goal() else _ENDLESS
+            check_contains(self.out / "result.nc", self.definition, most)
+        if unknown := sorted(set(without_version(study))):
+            # What such a class computes with may have changed since it was compiled.
+            forget_checks()
+            jax.clear_caches()
+            if self.out is not None:
+                words = f"name no version: {', '.join(unknown)}."
+                self.tell(Progress(line=f"Not kept for another run, for they {words}"))
+        common = [study.display, study.head, study.metrics]
+        kept = None if without_version(common) else self.out
+        self.store = Store(kept)
+        self.failures = Failures(omit_failed, float(study.margin_deg), kept)
         # Techniques that show the same on pictures are one: their places, by key.
         self.techniques: dict[str, AbstractTechnique] = {}
         self.places: dict[str, list[int]] = {}
         for place, technique in enumerate(study.techniques):
             check_hints(technique)
             technique = technique.on_pictures()
-            key = fingerprint(technique)
+            # Two classes of one's own may differ in nothing else.
+            key = fingerprint(technique, technique.id)
             self.techniques.setdefault(key, technique)
             self.places.setdefault(key, []).append(place)
         # The pilot's sessions are always the same ones, so that no session's result
@@ -90,6 +108,7 @@ class Run:
         )
         self.identity = fingerprint(
             [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
+            [str(getattr(jax.config, name)) for name in _SETTINGS],
             [study.display, study.head, study.frames, study.warmup, study.measure],
             [study.oversampling, float(study.margin_deg), study.metrics],
         )
@@ -110,7 +129,7 @@ class Run:
             for start in range(0, count, self.batch_size):
                 batch = self.sessions.batch(start, self.batch_size)
                 here = slice(start, start + batch.size)
-                found, new = self._measured(name, scene_key, texture, batch, kept=True)
+                found, new = self._measured(name, scene_key, texture, batch)
                 for k, places in enumerate(self.places.values()):
                     measured[:, places, s, here] = found[:, k, None]
                 ran[:, s, here] = True
@@ -120,9 +139,9 @@ class Run:
                 self._check(measured, ran)
         return self._gathered(measured, ran)
 
-    def until(self, goal: Goal) -> "xarray.Dataset":
+    def until(self) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
-        study, camera = self.study, self.study.display
+        study, camera, goal = self.study, self.study.display, self.goal
         begun = time.perf_counter()
         techniques, places = list(self.techniques.values()), list(self.places.values())
         baseline = [t.id for t in study.techniques].index(study.baseline)
@@ -142,12 +161,7 @@ class Run:
         keys = {name: fingerprint(scene) for name, scene in study.scenes.items()}
 
         def simulate(name: str, texture: Texture, batch: Batch) -> Measured:
-            # The pilot is timed, so it is always run.
-            kept = batch.start < PILOT_START
-            found, _ = self._measured(
-                name, keys[name], lambda: texture, batch, kept=kept
-            )
-            return found
+            return self._measured(name, keys[name], lambda: texture, batch)[0]
 
         endless = _sessions(study, self.seed, _ENDLESS)
         sampler = Sampler(techniques, endless, paths, controls, simulate, self.tell)
@@ -192,10 +206,11 @@ class Run:
         scene_key: str,
         texture: Callable[[], Texture],
         batch: Batch,
-        *,
-        kept: bool,
     ) -> tuple[Measured, int]:
         """Measure a batch, or find it; and how many techniques were measured anew."""
+        # The pilot is timed, so it is always run.
+        is_timed = batch.start >= PILOT_START
+        kept = not (is_timed or without_version(self.study.scenes[name]))
         key = fingerprint(self.identity, scene_key, batch.start, batch.size)
         file = f"{name}-{batch.start}"
         found = self.store.find(file, key) if kept else {}
@@ -204,9 +219,12 @@ class Run:
             lacking = [self.techniques[key] for key in missing]
             results = self.runner.run(lacking, texture(), batch)
             new = dict(zip(missing, results, strict=True))
-            if kept:
-                self.store.keep(file, key, new)
             found |= new
+            new = {
+                k: new[k] for k in missing if not without_version(self.techniques[k])
+            }
+            if kept and new:
+                self.store.keep(file, key, new)
         values = [
             [found[key].metrics[metric.id] for key in self.techniques]
             for metric in self.study.metrics
@@ -250,6 +268,7 @@ class Run:
             self.study, self.seed, fingerprint(self.identity, self.study)
         )
         how = {
+            "definition": json.dumps(self.definition),
             "failed_sessions": json.dumps(self._failed(measured, ran)),
             "omit_failed": int(self.failures.omit),
             "wide_halo_sessions": wide,

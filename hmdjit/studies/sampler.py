@@ -69,6 +69,11 @@ class Sampler:
                 for model in models
             ]
 
+    @property
+    def tiles(self) -> int:
+        """Blocks that are measured in each session."""
+        return self.batch(self.sessions, PILOT_START, CHUNK).origins.shape[1]
+
     def batch(self, sessions: Sessions, start: int, size: int) -> Batch:
         """Sessions from a number on; each is drawn once."""
         name = (sessions is self.paths, start, size)

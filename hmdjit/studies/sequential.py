@@ -11,13 +11,20 @@ import dataclasses
 import json
 import math
 import time
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..estimates.cells import Cell
 from ..estimates.estimate import MIN_BASELINE_MTCD, Estimate, ratio
 from ..estimates.intervals import Z95
-from ..estimates.planning import FLOOR_MTCD, Need, interim_level, sessions_needed
+from ..estimates.planning import (
+    FLOOR_MTCD,
+    PATHS_PER_TILE,
+    Need,
+    interim_level,
+    sessions_needed,
+)
 from ..frames.sources import Texture
 from .failures import Failures
 from .progress import Progress
@@ -38,7 +45,7 @@ class ScenePlan:
     """What a pilot decided for a scene, and what came of it.
 
     - `estimator`: `"control variate"` or `"simulation"` alone; `why`: in words.
-    - `sessions`, `paths`: planned; `seconds`: expected for them.
+    - `sessions`, `paths`: planned; `seconds`: expected for them, in words only.
     - `interim_analyses`, `spent_s`: it took; with baking, statistics and pilot.
     """
 
@@ -61,15 +68,18 @@ class ScenePlan:
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """When to stop: one of the two; neither is at a given number of sessions.
+    """When to stop: one of the three; none is at a given number of sessions.
 
     - `tolerance`: half-width of the 95 % intervals of every mean and ratio, relative;
       never below `FLOOR_MTCD`.
-    - `budget_s`: seconds for the whole study, baking and compiling included.
+    - `budget_s`: seconds for the whole study, baking and compiling included. Numbers
+      of sessions then follow the clock.
+    - `repeat`: sessions and predicted paths by scene, as a budget allowed once.
     """
 
     tolerance: float | None = None
     budget_s: float | None = None
+    repeat: Mapping[str, Sequence[int]] | None = None
 
     def error(self, value: float, floor: float) -> float:
         """Half-width that is asked for; of a budget, where to put its effort."""
@@ -109,11 +119,14 @@ class Until:
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, share = self._plan(name, measure)
-        if plan.sessions > MOST_SESSIONS:
+        if self._goal.tolerance is not None and plan.sessions > MOST_SESSIONS:
             raise ValueError(
                 f"tolerance {self._goal.tolerance:g} would take {plan.sessions:,} "
                 f"sessions of {name}; at most {MOST_SESSIONS:,} are run."
             )
+        if self._goal.repeat is not None:
+            sessions, paths = self._goal.repeat[name]
+            plan = dataclasses.replace(plan, sessions=sessions, paths=paths)
         if self._goal.budget_s is not None:
             left = max(deadline - time.perf_counter(), 0.0)
             scale = left / plan.seconds if plan.seconds else 1.0  # nothing varies
@@ -137,7 +150,7 @@ class Until:
             words = f"sessions of {name}"
             self._failures.check(np.flatnonzero(failed).tolist(), failed.size, words)
             analysis += 1
-            if self._goal.budget_s is not None or self._is_reached(cell, analysis):
+            if self._goal.tolerance is None or self._is_reached(cell, analysis):
                 break
             sessions, paths = math.ceil(GROWTH * sessions), math.ceil(GROWTH * paths)
             if sessions > MOST_SESSIONS:
@@ -192,7 +205,9 @@ class Until:
         common = [np.cov(t[:, 0], t[:, -1])[0, 1] for t in tiles]
         spread = predicted.var(axis=1, ddof=1)
         share = np.where(spread > 0, common / np.where(spread > 0, spread, 1), np.nan)
-        z = Z95 if self._goal.budget_s is not None else interim_level(1)
+        z = Z95 if self._goal.tolerance is None else interim_level(1)
+        # No clock decides a plan, or it could not be repeated.
+        session_cost = PATHS_PER_TILE * self._sampler.tiles
         choices = []
         for kind, b in (
             ("simulation", np.zeros_like(slope)),
@@ -200,15 +215,15 @@ class Until:
         ):
             rest = simulated - b[:, None] * predicted
             needs = self._needs(z, simulated.mean(axis=1), rest, b[:, None] * paths)
-            n, m = sessions_needed(needs, session_seconds, path_seconds)
+            n, m = sessions_needed(needs, session_cost, 1.0)
             # What a pilot of this size says of variances is right within a tenth or so.
             n, m = max(math.ceil(1.15 * n), LEAST_SESSIONS), math.ceil(1.15 * m)
             seconds = n * session_seconds + m * path_seconds
-            choices.append((seconds, kind, n, m, b))
+            choices.append((n * session_cost + m, kind, n, m, b, seconds))
             if self._sampler.controls is None:
                 break
-        seconds, kind, n, m, b = min(choices, key=lambda choice: choice[0])
-        others = [f"{c[1]} {c[0]:.1f} s" for c in choices if c[1] != kind]
+        _, kind, n, m, b, seconds = min(choices, key=lambda choice: choice[0])
+        others = [f"{c[1]} {c[-1]:.1f} s" for c in choices if c[1] != kind]
         why = f"one session takes {1e3 * session_seconds:.1f} ms" + (
             f"; {others[0]}" if others else ""
         )
@@ -276,6 +291,10 @@ def with_controls(
         "seconds": ("scene", [plan.spent_s for plan in plans], {"units": "s"}),
     }
     wanted = dataclasses.asdict(goal).items()
-    attributes: dict[str, float | str] = {k: v for k, v in wanted if v is not None}
+    attributes = {k: v for k, v in wanted if v is not None and k != "repeat"}
+    if goal.tolerance is None:  # what repeats it
+        names = (plan.scene for plan in plans)
+        ran = ([c.measured.shape[-1], c.paths.shape[1]] for c in cells)
+        attributes["ran"] = json.dumps(dict(zip(names, ran, strict=True)))
     attributes["plan"] = json.dumps([dataclasses.asdict(plan) for plan in plans])
     return {"variables": variables, "attributes": attributes}

@@ -1,9 +1,11 @@
 """The sessions of a study: their head paths and the blocks that they measure.
 
 Head paths come either from a model, drawn anew for each session, or from recorded
-traces, cut into windows. Session i depends only on (study, seed, i).
+traces, cut into windows. Session i depends only on (study, seed, i):
+what JAX's settings would change of its draws is fixed here.
 """
 
+import contextlib
 from typing import NamedTuple
 
 import equinox as eqx
@@ -57,8 +59,17 @@ def session_keys(key: RandomKey, session: Int[Array, ""]) -> SessionKeys:
 
 
 def study_key(seed: int) -> RandomKey:
-    """Return a study's key; threefry, whatever the process's default is."""
-    return jax.random.key(seed, impl="threefry2x32")
+    """Return a study's key: threefry without offset, whatever the process's default."""
+    data = jnp.array([0, seed], jnp.uint32)
+    return jax.random.wrap_key_data(data, impl="threefry2x32")
+
+
+def drawn_alike() -> contextlib.AbstractContextManager:
+    """Within it keys give the same numbers, whatever `JAX_THREEFRY_PARTITIONABLE` is.
+
+    It decides what is compiled, not what is traced: call compiled programs in it.
+    """
+    return jax.threefry_partitionable(True)
 
 
 class Batch(NamedTuple):
@@ -110,7 +121,9 @@ class Sessions:
         if isinstance(head, Replay):
             windows, subjects = head.windows(length)
             # The order is drawn for all windows, so a longer study begins alike.
-            order = np.asarray(jax.random.permutation(self._key, len(windows)))[:count]
+            with drawn_alike():
+                order = np.asarray(jax.random.permutation(self._key, len(windows)))
+            order = order[:count]
             self.count = len(order)
             self._windows = windows[order]
             self.subjects = [subjects[i] for i in order]
@@ -129,7 +142,8 @@ class Sessions:
     def _drawn(self, block: int) -> tuple[Motion, np.ndarray]:
         """Draw all sessions of a block; the last one is kept, for batches are small."""
         if self._last is None or self._last[0] != block:
-            self._last = block, self._draw(block * _AT_A_TIME, _AT_A_TIME)
+            with drawn_alike():
+                self._last = block, self._draw(block * _AT_A_TIME, _AT_A_TIME)
         return self._last[1]
 
     def _draw(self, start: int, size: int) -> tuple[Motion, np.ndarray]:

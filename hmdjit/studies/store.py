@@ -2,13 +2,17 @@
 
 A batch's key is a hash of everything that decides its numbers. A study that is run
 again, or made longer, therefore finds what it has and computes only what it lacks.
+
+The code of the package is what the model's version stands for. No hash knows all that
+a class of a user's own computes with (helper functions, constants, parents): batches
+of one are kept only if the class itself names a `version`, anything that is changed
+whenever what it computes changes.
 """
 
 import contextlib
 import dataclasses
 import glob
 import hashlib
-import inspect
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -24,8 +28,10 @@ from ..simulation.session import Result
 # What a thing is called decides nothing.
 _NAMES = ("name", "label")
 
-# What no file of Windows may have in its name; ids and scenes may.
+# What no file of Windows may have in its name; ids and scenes may, and may be as long
+# as a file's name, of at most 255 bytes, by themselves.
 _UNNAMEABLE = re.compile(r'[<>:"/\\|?*]')
+_LONGEST_NAME = 40
 
 
 def fingerprint(*parts: Any) -> str:
@@ -43,11 +49,8 @@ def _absorb(digest: Any, part: Any) -> None:
         part = part.item()
     kind = type(part)
     digest.update(f"<{kind.__module__}.{kind.__qualname__}>".encode())
-    if dataclasses.is_dataclass(part) and not kind.__module__.startswith("hmdjit."):
-        # A technique or scene of a user's own: its code decides numbers too. That of
-        # the package is what the model's version stands for.
-        with contextlib.suppress(OSError, TypeError):
-            digest.update(inspect.getsource(kind).encode())
+    if not _is_ours(kind) and "version" in vars(kind):
+        digest.update(repr(getattr(part, "version", None)).encode())
     if part is None or isinstance(part, str | int | float | bool):
         digest.update(repr(part).encode())
     elif isinstance(part, np.ndarray | jax.Array):
@@ -69,6 +72,27 @@ def _absorb(digest: Any, part: Any) -> None:
                 _absorb(digest, getattr(part, field.name))
     else:
         raise TypeError(f"cannot take the fingerprint of a {type(part).__name__}.")
+
+
+def without_version(*parts: Any) -> list[str]:
+    """Name the classes in some objects whose code is known by no version."""
+    found: list[str] = []
+    for part in parts:
+        if isinstance(part, Mapping):
+            found += without_version(*part.values())
+        elif isinstance(part, Sequence) and not isinstance(part, str):
+            found += without_version(*part)
+        elif dataclasses.is_dataclass(kind := type(part)):
+            # A version that is inherited says nothing of what was added.
+            if not _is_ours(kind) and "version" not in vars(kind):
+                found.append(kind.__qualname__)
+            fields = dataclasses.fields(kind)
+            found += without_version(*(getattr(part, field.name) for field in fields))
+    return found
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.startswith("hmdjit.")
 
 
 class Store:
@@ -121,4 +145,4 @@ class Store:
 
 
 def _stem(name: str, key: str) -> str:
-    return f"{_UNNAMEABLE.sub('_', name)}-{key[:16]}"
+    return f"{_UNNAMEABLE.sub('_', name)[:_LONGEST_NAME]}-{key[:16]}"

@@ -1,6 +1,7 @@
 """A Monte Carlo study of flicker, as users define and run it."""
 
 import os
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from .. import _checks
@@ -8,7 +9,7 @@ from ..head_motion import HeadMotion
 from .definition import StudyDefinition, check_seed
 from .progress import Tell
 from .run import Run
-from .sampler import CHUNK
+from .sampler import CHUNK, LEAST_SESSIONS
 from .sequential import Goal
 
 if TYPE_CHECKING:
@@ -40,7 +41,9 @@ class Study(StudyDefinition):
         batch_size: int = 256,
         tolerance: float | None = None,
         budget_s: float | None = None,
+        repeat: Mapping[str, Sequence[int]] | None = None,
         omit_failed: bool = False,
+        overwrite: bool = False,
         progress: Tell = lambda event: None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
@@ -48,16 +51,22 @@ class Study(StudyDefinition):
         **Arguments:**
 
         - `seed`: session i depends only on (study, seed, i).
-        - `out`: folder for `batches/` and `result.nc`; None keeps nothing.
+        - `out`: folder for `batches/` and `result.nc`; None keeps nothing. Batches of
+          a technique, scene or metric of one's own are kept if its class itself names a
+          `version`, to be changed with all that it computes with.
         - `batch_size`: sessions per dispatch and file; does not change a bit.
         - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
           interval of every mean and ratio of MTCD within this relative half-width, or
-          within 0.005 code values.
+          within 0.005 code values. How many depends on study, seed and tolerance only.
         - `budget_s`: instead, as many as these seconds allow, compiling included; at
-          least 128 in each scene.
+          least 128 in each scene. How many follows the clock.
+        - `repeat`: instead, as many as a run with a budget had: sessions and predicted
+          paths by scene, which its attribute `ran` has as JSON.
         - `omit_failed`: leave sessions that fail out of all means, at most 1 % of
           them. They are those of heads that move much, so that means are less
           (with a goal, MTCD less so: predictions know those heads).
+        - `overwrite`: whether a `result.nc` of another study in `out` is replaced. One
+          that this study contains always is.
         - `progress`: called before and after each batch.
 
         **Returns:** each metric over technique, scene and session, NaN where a session
@@ -66,31 +75,58 @@ class Study(StudyDefinition):
 
         **Errors:** `FailedSessionsError` if sessions give no finite number, unless
         they are left out; `KeyboardInterrupt`. Both leave all finished batches in
-        `out`, for the next run.
+        `out`, for the next run. `ValueError` where a result of another study lies.
         """
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
-        if tolerance is None and budget_s is None:
-            run = Run(self, seed, out, batch_size, progress, omit_failed=omit_failed)
-            return run.dataset()
-        goal = self.goal(tolerance, budget_s)
-        run = Run(self, seed, out, CHUNK, progress, omit_failed=omit_failed)
-        return run.until(goal)
+        goal = self.goal(tolerance, budget_s, repeat)
+        size = batch_size if goal == Goal() else CHUNK
+        run = Run(
+            self,
+            seed,
+            out,
+            size,
+            progress,
+            goal,
+            omit_failed=omit_failed,
+            overwrite=overwrite,
+        )
+        return run.dataset() if goal == Goal() else run.until()
 
-    def goal(self, tolerance: float | None, budget_s: float | None) -> Goal:
+    def goal(
+        self,
+        tolerance: float | None = None,
+        budget_s: float | None = None,
+        repeat: Mapping[str, Sequence[int]] | None = None,
+    ) -> Goal:
         """Check what a study is to run until.
 
-        **Errors:** `ValueError` for both or wrong numbers, for recorded heads, and for
-        another headline than MTCD, which is what can be predicted.
+        **Errors:** `ValueError` for several or wrong numbers, for recorded heads, and
+        for another headline than MTCD, which is what can be predicted.
         """
-        if tolerance is not None and budget_s is not None:
-            raise ValueError("tolerance and budget exclude each other: name one.")
+        goal = Goal(tolerance, budget_s, repeat)
+        said = [wish for wish in (tolerance, budget_s, repeat) if wish is not None]
+        if not said:
+            return goal
+        if len(said) > 1:
+            raise ValueError(
+                "tolerance, budget and repeat exclude each other: name one."
+            )
         if tolerance is not None:
             _checks.in_range(
                 "tolerance", tolerance, 0, 1, open_low=True, open_high=True
             )
         if budget_s is not None:
             _checks.in_range("budget, s", budget_s, 0, open_low=True)
+        if repeat is not None:
+            if set(repeat) != set(self.scenes):
+                raise ValueError(
+                    "repeat must name the scenes of this study, "
+                    f"{', '.join(self.scenes)}, got {', '.join(repeat) or 'none'}."
+                )
+            for name, (sessions, paths) in repeat.items():
+                _checks.whole(f"repeat sessions of {name}", sessions, LEAST_SESSIONS)
+                _checks.whole(f"repeat paths of {name}", paths, 0)
         if not isinstance(self.head, HeadMotion):
             raise ValueError(
                 "tolerance and budget need a head model: recorded heads have only so "
@@ -101,4 +137,4 @@ class Study(StudyDefinition):
                 "tolerance and budget are of MTCD: metrics must begin with mtcd, got "
                 f"{self.metrics[0].id}."
             )
-        return Goal(tolerance, budget_s)
+        return goal

@@ -9,7 +9,8 @@ only through `source.at(displacement)`: not inside of `jit`, `vmap`, `cond` or l
 Where it needs them it also says `needs`, the channels of a frame, and
 `sample_offsets_px`. All else has a safe default: what there is to know for speed is
 found by the engine, or is a hint. A wrong hint of a technique of one's own is an error
-(see `check`), never a bias.
+(see `check`), never a bias. A class that itself names a `version`, to be changed with
+all that it computes with, has its batches kept by studies for a resume.
 
 A large region may be stepped block by block, each with the state of the whole region:
 what a state keeps per pixel is a `History`, and anything else in it, a counter say,

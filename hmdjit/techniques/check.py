@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, DTypeLike, Float
+from jaxtyping import Array, Float
 
 from .. import _checks
 from .._types import Samples
@@ -20,6 +20,7 @@ from ..frames.displacement import AT_REST, GATHER, Reading
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from .base import AbstractTechnique, State, mean_of_samples
+from .contract import check_contract
 
 _SIZE_PX = 33  # of the small frames; stencils up to 16 px fit
 _TRIALS = 4
@@ -33,19 +34,6 @@ def _is_trusted(technique: AbstractTechnique) -> bool:
     parts = jax.tree.leaves(technique, is_leaf=lambda node: node is not technique)
     modules = [technique, *(part for part in parts if isinstance(part, eqx.Module))]
     return all(type(part).__module__.startswith("hmdjit.") for part in modules)
-
-
-def blank_frame(
-    technique: AbstractTechnique,
-    camera: Camera,
-    region: Region,
-    dtype: DTypeLike,
-) -> Frame:
-    """Return a black frame with all that a technique asks for."""
-    size = (technique.sample_offsets_px.shape[1], 3, region.height, region.width)
-    black = jnp.zeros(size, dtype)
-    channels = {name: black for name in technique.needs - {"color"}}
-    return Frame(black, camera, region, channels=channels)
 
 
 def _samples(technique: AbstractTechnique, seed: int) -> Samples:
@@ -145,7 +133,7 @@ def _states_changed_at(state: State, middle: int, value: float) -> Iterator[Stat
 
 
 def check_hints(technique: AbstractTechnique) -> None:
-    """Raise if a hint of a technique of one's own is wrong; see `check`.
+    """Raise if a technique of one's own breaks its contract, or a hint is wrong.
 
     **Errors:** `ValueError` naming the technique, the hint, and what was found.
     """
@@ -162,11 +150,18 @@ def _check_once(technique: AbstractTechnique) -> None:
     _check_hints(technique)
 
 
+def forget_checks() -> None:
+    """Check and look anew at techniques whose code may have changed."""
+    for known in (_check_once, _found_once):
+        known.cache_clear()
+
+
 def _is_said(technique: AbstractTechnique, hint: str) -> bool:
     return getattr(type(technique), hint) is not getattr(AbstractTechnique, hint)
 
 
 def _check_hints(technique: AbstractTechnique) -> None:
+    check_contract(technique)
     name = technique.id
     said = technique.stencil_radius_px
     is_seen = technique.needs == {"color"}  # else no small frame stands for a scene
@@ -262,11 +257,12 @@ def _check_gain(technique: AbstractTechnique) -> None:
 def check(technique: AbstractTechnique) -> None:
     """Check a technique against the laws that all techniques here obey.
 
-    A constant scene stays constant; a run that is split in two, its state carried over,
-    is the same; its hints are right.
+    It keeps the contract; a constant scene stays constant; a run that is split in two,
+    its state carried over, is the same; its hints are right.
 
     **Errors:** `ValueError` naming the law that is broken, and by how much.
     """
+    check_contract(technique)
     name = technique.id
 
     @jax.jit
