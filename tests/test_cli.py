@@ -161,10 +161,10 @@ WRONG_STUDIES = [
     (["--sessions", "0"], r"sessions must be a whole number >= 1, got 0"),
     (["--frames", "1"], r"frames must be a whole number >= 2, got 1"),
     (["--warmup", "-1"], r"warmup must be a whole number >= 0, got -1"),
-    (["--fov", "181"], r"fov_deg must lie in \(0, 180\), got 181"),
-    (["--refresh", "0"], r"refresh_hz must lie in \(0, inf\), got 0"),
-    (["--crop", "5000"], r"crop size_px must lie in \[1, 1024\], got 5000"),
-    (["--crop", "64", "--whole-frame"], r"crop and whole_frame exclude each other"),
+    (["--fov", "181"], r"--fov must lie in \(0, 180\), got 181"),
+    (["--refresh", "0"], r"--refresh must lie in \(0, inf\), got 0"),
+    (["--crop", "5000"], r"--crop must lie in \[1, 1024\], got 5000"),
+    (["--crop", "64", "--whole-frame"], r"--crop and --whole-frame exclude each other"),
     (["--scenes", "nois"], r"Did you mean 'noise'"),
     (["--baseline", "ssaa3"], r"baseline must be one of"),
     (["{bad_key}"], r"bad_key.toml: unknown key sesions. Did you mean sessions\?"),
@@ -174,7 +174,7 @@ WRONG_STUDIES = [
     ),
     (["{bad_type}"], r"bad_type.toml: sessions must be a whole number, got 'many'"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
-    (["--tiles", "4096"], r"tiles count must lie in \[1, 256\], got 4096"),
+    (["--tiles", "4096"], r"--tiles must lie in \[1, 256\], got 4096"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
     (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of at"),
     (
@@ -187,7 +187,10 @@ WRONG_STUDIES = [
     (["--head", "fixatin"], r"head must be one of .* Did you mean 'fixating'\?"),
     (["--head", "{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--head", "{bad_key}"], r"bad_key.toml: unknown key sesions\."),
-    (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
+    (
+        ["--head", "seated", "--trace", "me.csv"],
+        r"--head and --trace exclude each other",
+    ),
     (["{bad_head}"], r"bad_head.toml: head must be a string, got 3"),
     (["--out", "{beneath}"], r"out must be where files can be made.* is a file"),
 ]
@@ -245,7 +248,7 @@ def test_wrong_frames_end_in_one_clear_line(tmp_path, rng, capsys):
         (["ssaa2", frames, good], "4 samples per pixel for ssaa2, got 1"),
         (["taa", frames, good], "technique must be one of"),
         (["none", frames, good, "--out", frames], "must differ from the folder"),
-        (["none", frames, good, "--fov", "0"], r"fov_deg must lie in \(0, 180\)"),
+        (["none", frames, good, "--fov", "0"], r"--fov must lie in \(0, 180\)"),
     ]
     out = ["--out", tmp_path / "shown"]
     for arguments, message in cases:

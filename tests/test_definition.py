@@ -99,10 +99,13 @@ def test_the_command_line_overrides_a_files_rivals(low, high):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ({"head": "seated", "trace": (Path("me.csv"),)}, "head and trace exclude"),
-        ({"tiles": 0, "crop": 64}, "tiles and crop exclude"),
-        ({"tile_size": 32, "whole_frame": True}, "tiles and whole_frame exclude"),
-        ({"scenes": ("noise",), "images": (Path("a.png"),)}, "scenes and images excl"),
+        ({"head": "seated", "trace": (Path("me.csv"),)}, "--head and --trace exclude"),
+        ({"tiles": 0, "crop": 64}, "--tiles and --crop exclude"),
+        ({"tile_size": 32, "whole_frame": True}, "--tiles and --whole-frame exc"),
+        (
+            {"scenes": ("noise",), "images": (Path("a.png"),)},
+            "--scenes and --images ex",
+        ),
     ],
 )
 def test_rivals_are_refused(said, message):

@@ -21,7 +21,7 @@ from ..studies.study import Study, check_seed
 from ..techniques import curve_file
 from ..techniques.base import AbstractTechnique
 from .options import HEAD as HEAD
-from .options import TECHNIQUES
+from .options import TECHNIQUES, spoken
 from .options import Options as Options
 
 Tables = Mapping[str, Mapping[str, Any]]
@@ -94,9 +94,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     for rivals in _RIVALS:
         ways = [names[0] for names in rivals if said.keys() & set(names)]
         if len(ways) > 1:
-            raise ValueError(
-                f"{' and '.join(ways)} exclude each other: name one of them."
-            )
+            raise ValueError(f"{spoken(*ways)} exclude each other: name one of them.")
     names = {"sessions", "frames", "warmup", "oversampling", "margin"}
     numbers = {key: said[key] for key in names & said.keys()}
     if "margin" in numbers:
@@ -109,7 +107,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     camera = Camera(
         **{f"{k}_{unit}": said[k] for k, unit in units.items() if k in said}
     )
-    measure = _measure(options)
+    measure = _measure(options, camera)
     measure.block_size(camera)
     chosen = _techniques(options, tables or {})
     ids = [technique.id for technique in chosen]
@@ -125,16 +123,17 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     )
 
 
-def _measure(options: Options) -> Measurement:
+def _measure(options: Options, camera: Camera) -> Measurement:
     if options.whole_frame:
         return WholeFrame()
     if options.crop is not None:
         return CentralCrop(options.crop)
-    said = {"count": options.tiles, "size_px": options.tile_size}
-    if options.tolerance is not None or options.budget is not None:
-        # A path costs a two-hundredth of a tile: one tile each for more sessions.
-        said["count"] = options.tiles or 1
-    return Tiles(**{name: value for name, value in said.items() if value is not None})
+    # A path costs a two-hundredth of a tile: one tile each for more sessions.
+    is_goal = options.tolerance is not None or options.budget is not None
+    count = options.tiles or (1 if is_goal else Tiles().count)
+    if options.tile_size is None:
+        return Tiles.fitting(camera, count)
+    return Tiles(count, options.tile_size)
 
 
 def _techniques(options: Options, tables: Tables) -> list[AbstractTechnique]:

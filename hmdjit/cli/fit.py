@@ -14,7 +14,7 @@ from ..figures import curve_fitting as figures
 from ..figures.drawing import save
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
-from ..studies.identity import camera_words, frames_words
+from ..studies.identity import camera_words, counted, frames_words
 from ..studies.study import Study
 from ..techniques import curve_file
 from . import definition
@@ -109,7 +109,8 @@ class FitCommand:
         study = _study(self, fitted_to)
         about = _about(self, study, tuple(held_out))
         console.out(
-            f"{len(study.scenes)} scenes x {study.sessions} sessions of "
+            f"{counted(len(study.scenes), 'scene')} x "
+            f"{counted(study.sessions, 'session')} of "
             f"{study.warmup} + {study.frames} frames, {about['width_px']} x "
             f"{about['height_px']} px, {about['fov_deg']:g} deg, "
             f"{about['refresh_hz']:.4g} Hz; head {about['head']}; {space.size} numbers "

@@ -18,6 +18,7 @@ from ..head_fitting import fitting, spectra, statistics
 from ..head_fitting.statistics import Goodness
 from ..head_motion import HeadMotion, Trace, presets
 from ..reports import head as head_report
+from ..studies.identity import counted
 from ..studies.sessions import study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
@@ -54,7 +55,7 @@ class Recordings:
     def read(self, console: rich.console.Console) -> list[Trace]:
         """Read the traces, each once."""
         _checks.in_range("max_speed", self.max_speed, 0, open_low=True)
-        console.out(f"Reading {len(self.traces)} recordings.")
+        console.out(f"Reading {counted(len(self.traces), 'recording')}.")
         traces = [
             Trace.read(
                 path, columns=self.columns, time_unit=self.time_unit, axes=self.axes

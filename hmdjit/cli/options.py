@@ -2,6 +2,8 @@
 
 import dataclasses
 import tempfile
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -131,6 +133,44 @@ class Options:
         """Name what differs from the default."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(Options)}
         return {k: v for k, v in values.items() if v is not None and v is not False}
+
+
+_FIELDS = {
+    "width_px": "width",
+    "height_px": "height",
+    "fov_deg": "fov",
+    "refresh_hz": "refresh",
+    "margin_deg": "margin",
+    "tiles count": "tiles",
+    "tiles size_px": "tile_size",
+    "crop size_px": "crop",
+    "budget, s": "budget",
+    "technique": "techniques",
+}
+
+
+def as_option(message: str, command: Any) -> str:
+    """Name the command's option at the start of a message that names a field."""
+    field, must, rest = message.partition(" must ")
+    for name in (field.replace("-", "_"), _FIELDS.get(field)):
+        if must and dataclasses.is_dataclass(command) and name in _names(command):
+            return f"{spoken(name)} must {rest}"
+    return message
+
+
+def spoken(*names: str) -> str:
+    """Options as a user types them."""
+    return " and ".join(f"--{name.replace('_', '-')}" for name in names)
+
+
+def _names(command: Any) -> Iterator[str]:
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _names(value)
+        elif tyro.conf.Positional not in getattr(hints[field.name], "__metadata__", ()):
+            yield field.name
 
 
 def check_can_write(folder: Path) -> None:

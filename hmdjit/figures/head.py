@@ -21,6 +21,7 @@ from ..head_fitting.spectra import Periodograms
 from ..head_fitting.statistics import Description
 from ..head_motion import HeadMotion, Trace
 from ..head_motion.parameters import AXES
+from ..studies.identity import counted
 from .drawing import DPI, GREY, styled
 
 # Okabe and Ito's blue, vermillion and green: lighter for models, darker for heads.
@@ -76,7 +77,7 @@ def draw(
         axes.tick_params(labelsize=8.5)
     subjects = len(periodograms.subjects)
     about = (
-        f"{subjects} subject{'s' * (subjects != 1)}, {recorded.rate_hz:.4g} Hz, "
+        f"{counted(subjects, 'subject')}, {recorded.rate_hz:.4g} Hz, "
         f"{recorded.still_s:,.0f} s {'held still' if word == 'recorded' else word}"
     )
     left = {"x": 0.01, "ha": "left", "va": "top"}

@@ -19,6 +19,15 @@ def tables() -> dict[str, dict[str, Any]]:
     return _toml.read(Path(__file__).with_name("presets.toml"))
 
 
+def name_of(head: Any) -> str | None:
+    """Name of the preset that has a head's numbers."""
+    numbers = _toml.table(head)
+    for name, table in tables().items():
+        if _toml.table(from_table(type(head), table)) == numbers:
+            return name
+    return None
+
+
 def read(kind: type[_toml.Config], path: str | os.PathLike[str]) -> _toml.Config:
     """Read a head from a file.
 

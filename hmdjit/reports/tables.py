@@ -13,6 +13,7 @@ from rich.text import Text
 WORDS, READY = "{}", "{:s}"
 INTERVAL = "{:.3f} [{:.3f}, {:.3f}]"
 _PLAIN = str.maketrans({"±": "+-", "–": "-", "²": "^2", "×": "x", "°": " deg"})
+_PLAIN |= str.maketrans({"•": "*", "…": "...", "†": "+", "‡": "++", "’": "'"})
 
 
 def table(
@@ -68,6 +69,14 @@ def _cell(template: str, value: Any, say: Callable[[str], str]) -> str | Text:
 def plain(text: str) -> str:
     """Replace what an encoding other than Unicode cannot show."""
     return text.translate(_PLAIN)
+
+
+def spelled(error: UnicodeError) -> tuple[str, int]:
+    """Spell what an encoding has no letter for: an error handler of `codecs`."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = plain(error.object[error.start : error.end])
+    return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
 def number(value: float, decimals: int) -> str:
