@@ -8,9 +8,10 @@ how sure that is.
 import os as _os
 import signal as _signal
 import sys as _sys
+import typing as _typing
 
 
-def _stop(*_: object) -> None:
+def _stop(*_: object) -> _typing.NoReturn:
     """End the process at once: an exception may be swallowed where it is raised."""
     _os.write(2, b"hmdjit: stopped.\n")
     _os._exit(130)

@@ -192,6 +192,7 @@ def test_names_of_points_do_not_overlap():
     axes.plot(*places.T, "o")
     drawing.label_points(figure, axes, points)
     assert len(axes.texts) == len(points)
+    figure.draw_without_rendering()
     # Of the words alone: an annotation's own extent holds its leader too.
     boxes = [Text.get_window_extent(name) for name in axes.texts]
     for index, box in enumerate(boxes):

@@ -152,7 +152,7 @@ _FIELDS = {
 def as_option(message: str, command: Any) -> str:
     """Name the command's option at the start of a message that names a field."""
     field, must, rest = message.partition(" must ")
-    for name in (field.replace("-", "_"), _FIELDS.get(field)):
+    for name in (field.replace("-", "_"), _FIELDS.get(field, "")):
         if must and dataclasses.is_dataclass(command) and name in _names(command):
             return f"{spoken(name)} must {rest}"
     return message

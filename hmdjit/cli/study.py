@@ -7,6 +7,7 @@ from typing import Annotated
 import rich.console
 import tyro
 
+from ..head_motion import presets
 from ..head_motion.replay import Replay
 from ..reports import study as report
 from ..studies.identity import counted
@@ -52,7 +53,7 @@ class StudyCommand(Options):
             sessions = f"sessions for {goal.budget_s:g} s, each"
         head = study.head
         if not isinstance(head, Replay):
-            head = f"{options.head or HEAD}, {head.words}"
+            head = f"{options.head or HEAD}, {presets.words(head)}"
         console.out(
             f"{counted(len(study.scenes), 'scene')} x "
             f"{counted(len(study.techniques), 'technique')} x {sessions} of "

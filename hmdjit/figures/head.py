@@ -198,7 +198,8 @@ def _positive(values: np.ndarray) -> np.ndarray:
 
 def _logarithmic(axes: Axes) -> None:
     axes.set(xscale="log", yscale="log")
-    axes.xaxis.set_major_formatter("{x:g}")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
 
 
 def _legend(word: str, has_many: bool, has_model: bool) -> list[Line2D | Patch]:

@@ -119,29 +119,10 @@ class HeadMotion(eqx.Module):
             with contextlib.suppress(ValueError):
                 for part in (self, *self.resonators, *filter(None, (self.amplitude,))):
                     part.__check_init__()
-                return self.words
+                return presets.words(self)
         is_number = lambda leaf: jnp.ndim(leaf) == 0 and not _checks.is_traced(leaf)
         short = lambda leaf: float(f"{leaf:.3g}") if is_number(leaf) else leaf
         return repr(jax.tree.map(short, self))
-
-    @property
-    def words(self) -> str:
-        """Its kind and its numbers, with their units."""
-
-        def listed(values: tuple[Scalar, ...]) -> str:
-            return "/".join(f"{float(value):.3g}" for value in values)
-
-        return (
-            f"model {'B' if self.resonators else 'A'}, "
-            f"speed {listed(self.speed_rms_deg_s)} deg/s, "
-            f"correlation time {listed(self.correlation_time_s)} s, "
-            f"tracker noise {listed(self.tracker_noise_deg)} deg (pitch/yaw/roll)"
-            + "".join(
-                f", resonance of {listed(mode.speed_rms_deg_s)} deg/s at "
-                f"{listed(mode.frequency_hz)} Hz"
-                for mode in self.resonators
-            )
-        )
 
     @property
     def person_power(self) -> Scalar:

@@ -65,7 +65,9 @@ def print_fit(console: Console, fit: Fit) -> None:
             f"{number:.{places}f}" for number in (value, error, low, high)
         )
         rows.append((name, axis, value, error, f"[{low}, {high}]"))
-    console.print(tables.table({"number": WORDS, "axis": WORDS, **columns}, rows))
+    console.print(
+        tables.table({"number": WORDS, "axis": WORDS, **columns}, rows, fold=True)
+    )
     console.print(
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
         "or at a bound of its search."

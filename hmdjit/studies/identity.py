@@ -83,6 +83,11 @@ def metric_ids(dataset: "xarray.Dataset") -> list[str]:
     ]
 
 
+def made_by() -> str:
+    """Name the version and the model that numbers come from."""
+    return f"hmdjit {__version__}, model {MODEL_VERSION}"
+
+
 def counted(number: int, noun: str) -> str:
     """Say how many there are of something."""
     return f"{number:,} {noun}" + "s" * (number != 1)
@@ -91,7 +96,7 @@ def counted(number: int, noun: str) -> str:
 def head_words(head: Head) -> str:
     """Name a preset; say what another head is."""
     if isinstance(head, HeadMotion):
-        return presets.name_of(head) or head.words
+        return presets.name_of(head) or presets.words(head)
     return str(head)
 
 
