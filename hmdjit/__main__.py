@@ -55,7 +55,14 @@ def _swallowed(ignored: Any) -> None:
     if not isinstance(ignored.exc_value, KeyboardInterrupt):
         return sys.__unraisablehook__(ignored)
     signal.signal(signal.SIGINT, _interrupt)
-    threading.Timer(0.01, _thread.interrupt_main).start()
+    threading.Timer(0.05, _send).start()
+
+
+def _send() -> None:
+    if hasattr(signal, "pthread_kill"):  # wakes what waits, too
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import hmdjit as hj
 from hmdjit.cli import definition
 from hmdjit.cli.definition import Options
 from hmdjit.head_motion import presets
+from hmdjit.studies import identity
 from hmdjit.techniques import SSAA, NoAntialiasing
 
 FEW = Options(scenes=("noise",), techniques=("none",))
@@ -25,7 +26,8 @@ def test_what_is_not_said_keeps_the_default_study():
 @pytest.mark.parametrize("name", list(presets.tables()))
 def test_every_preset_is_a_head_of_a_study(name):
     study = definition.build(dataclasses.replace(FEW, head=name))
-    assert str(study.head) == str(hj.HeadMotion.preset(name))
+    assert study.head == hj.HeadMotion.preset(name)
+    assert identity.head_words(study.head) == name
 
 
 @pytest.mark.parametrize("name", ["me.toml", "me"])

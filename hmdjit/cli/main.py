@@ -62,20 +62,22 @@ def run(arguments: Sequence[str]) -> int:
         return _complain(error, FAILED)
     except (ValueError, ImportError) as error:
         words = as_option(str(error), command)
-        return _complain(words + _hint(words, arguments), WRONG_INPUT)
+        return _complain(_hinted(words, arguments), WRONG_INPUT)
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{place}{error.strerror or error}", WRONG_INPUT)
+        words = f"{place}{error.strerror or error}"
+        return _complain(_hinted(words, arguments), WRONG_INPUT)
 
 
-def _hint(error: str, arguments: Sequence[str]) -> str:
-    """Say how several names are given, where an argument joined them by commas."""
+def _hinted(error: str, arguments: Sequence[str]) -> str:
+    """Say too how several names are given, where an argument joined them by commas."""
     for argument in arguments:
         names = argument.partition("=")[2] if argument[:2] == "--" else argument
         if "," in names and names in error and not Path(names).exists():
             apart = " ".join(name.strip() for name in names.split(",") if name)
-            return f" Several are separated by spaces: {apart}."
-    return ""
+            end = "" if error.endswith((".", "?")) else "."
+            return f"{error}{end} Several are separated by spaces: {apart}."
+    return error
 
 
 def _complain(error: object, code: int) -> int:
