@@ -249,6 +249,7 @@ WRONG_STUDIES = [
     (["{bad_type}"], r"bad_type.toml: sessions must be a whole number, got 'many'"),
     (["--tile-size", "48"], r"--tile-size must divide .* 1024 x 1024, got 48; 128 doe"),
     (["--width", "1000", "--height", "1001"], r"--tile-size must divide .* 1000 x 10"),
+    (["--trace", "{trace}", "--tolerance", "0.1"], r"--tolerance and --budget need a"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
     (["--tiles", "4096"], r"--tiles must lie in \[1, 256\], got 4096"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
@@ -276,6 +277,10 @@ WRONG_STUDIES = [
 def places(tmp_path):
     contents = {
         "text": ("notes.png", "no picture"),
+        "trace": (
+            "trace.csv",
+            "t_s,qw,qx,qy,qz\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,1,0,0,0\n",
+        ),
         "nan_trace": (
             "nan.csv",
             "t_s,qw,qx,qy,qz\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,1,0,nan,0\n",

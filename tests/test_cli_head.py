@@ -165,7 +165,7 @@ WRONG = [
     (["describe", "{brief}"], "at least 4 s for a spectrum, the longest lasts 3.00 s"),
     (["describe", "{hourly}"], r"hourly.csv: frame rate must lie in \[5, 2000\]"),
     (["describe", "{good}", "--columns", "t_s", "qw"], "good.csv"),
-    (["describe", "{good}", "--model", "seatd"], "head must be one of .* 'seated'"),
+    (["describe", "{good}", "--model", "seatd"], "--model must be one of .* 'seated'"),
     (["describe", "{good}", "--model", "{missing_toml}"], "missing.toml: cannot be re"),
     (["describe", "{good}", "--out", "{good}"], "out must end in .png"),
     (["sample", "--rate", "0"], r"rate must lie in \[5, 2000\], got 0"),

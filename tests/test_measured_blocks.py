@@ -78,6 +78,7 @@ def test_wrong_blocks_are_refused(measure, message):
         (1920, 1080, 60),
         (1832, 1920, 8),
         (24, 18, 6),
+        (64, 64, 32),
     ],
 )
 def test_the_default_tile_divides_the_frame(width_px, height_px, size_px):

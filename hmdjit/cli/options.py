@@ -1,6 +1,7 @@
 """Options that several commands share, those of a study above all."""
 
 import dataclasses
+import re
 import tempfile
 import typing
 from collections.abc import Iterator
@@ -146,16 +147,20 @@ _FIELDS = {
     "crop size_px": "crop",
     "budget, s": "budget",
     "technique": "techniques",
+    "head": "model",
 }
 
 
 def as_option(message: str, command: Any) -> str:
     """Name the command's option at the start of a message that names a field."""
-    field, must, rest = message.partition(" must ")
-    for name in (field.replace("-", "_"), _FIELDS.get(field, "")):
-        if must and dataclasses.is_dataclass(command) and name in _names(command):
-            return f"{spoken(name)} must {rest}"
-    return message
+    found = re.match(r"(.+?) (?=(must|need|are) )", message)
+    if found is None or not dataclasses.is_dataclass(command):
+        return message
+    options, fields = set(_names(command)), found[1].split(" and ")
+    names = [name.replace("-", "_") for name in fields]
+    names = [n if n in options else _FIELDS.get(n, n) for n in names]
+    is_known = options.issuperset(names)
+    return f"{spoken(*names)} {message[found.end() :]}" if is_known else message
 
 
 def spoken(*names: str) -> str:

@@ -48,6 +48,7 @@ def attributes(
         "warmup": study.warmup,
         "measure": str(study.measure),
         "head": head_words(study.head),
+        "head_model": model_words(study.head),
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "fov_deg": float(camera.fov_deg),
@@ -95,9 +96,13 @@ def counted(number: int, noun: str) -> str:
 
 def head_words(head: Head) -> str:
     """Name a preset; say what another head is."""
-    if isinstance(head, HeadMotion):
-        return presets.name_of(head) or presets.words(head)
-    return str(head)
+    is_model = isinstance(head, HeadMotion)
+    return (is_model and presets.name_of(head)) or model_words(head)
+
+
+def model_words(head: Head) -> str:
+    """Say what a head is, a preset too."""
+    return presets.words(head) if isinstance(head, HeadMotion) else str(head)
 
 
 def camera_words(known: Mapping[str, Any]) -> str:

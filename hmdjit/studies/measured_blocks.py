@@ -33,19 +33,21 @@ class Tiles(eqx.Module):
         _checks.whole("tiles size_px", self.size_px, 1)
 
     @classmethod
-    def fitting(cls, camera: Camera, count: int = 2) -> "Tiles":
-        """Tiles of the largest size up to 64 px that divides the camera frame.
+    def fitting(cls, camera: Camera, count: int = 2, most_px: int = 64) -> "Tiles":
+        """Tiles of the largest size, up to 64 px, that the frame holds in a grid.
 
         **Errors:** `ValueError` where so little of a larger frame says next to nothing:
         below 4 px.
         """
         width, height = camera.width_px, camera.height_px
-        size_px = _largest_divisor(math.gcd(width, height), 64)
+        size_px = _largest_divisor(math.gcd(width, height), most_px)
+        if count > (width // size_px) * (height // size_px):
+            size_px = _largest_divisor(size_px, max(1, size_px // 2))
         if size_px < 4 and max(width, height) > 64:
             raise ValueError(
-                "tiles size_px must divide the camera frame, but no size of 4 to 64 px "
-                f"divides {width} x {height}: measure the whole frame, a central crop, "
-                f"or tiles of {size_px} px."
+                "tiles size_px must divide the camera frame, but no size of 4 to "
+                f"{most_px} px divides {width} x {height}: measure the whole frame, a "
+                f"central crop, or tiles of {size_px} px."
             )
         return cls(count, size_px)
 
