@@ -81,7 +81,9 @@ def write(
         raise ValueError(f"blocks must be {names}, got {list(blocks)}.")
     fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
     text = _BLOCK.sub(fill, page)
-    command = shlex.join(["python", f"examples/{Path(script).name}", *sys.argv[1:]])
+    # Where a folder lies on this machine tells nobody anything.
+    words = [Path(w).name if os.path.isabs(w) else w for w in sys.argv[1:]]
+    command = shlex.join(["python", f"examples/{Path(script).name}", *words])
     made = f"*Made by `{command}`: {made_by()}"
     if is_measured:
         made += f", JAX {jax.__version__}, {processor()}, {os.cpu_count()} cores"
