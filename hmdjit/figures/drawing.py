@@ -171,7 +171,7 @@ def label_points(
         for x_shift, y_shift, side in _PLACES:
             low = point + np.multiply((x_shift, y_shift), unit)
             low = low - size * ({"left": 0, "center": 0.5, "right": 1}[side], 0.5)
-            boxes.append(Bbox((low, low + size)).padded(unit))
+            boxes.append(Bbox((low, low + size)).padded(2 * unit))
         covered = [
             1000 * (not _is_inside(box, axes, figure))
             + 100 * sum(map(box.overlaps, words))

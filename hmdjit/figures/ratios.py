@@ -64,6 +64,7 @@ def draw_ratios(study: Compared) -> Figure:
     above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
     axes.text(1, 1.005, head, fontsize=drawing.NOTE, **above)
     is_kims = any(technique.startswith("head_movement") for technique in others)
+    is_kims &= study.baseline.startswith(("none", "msaa"))
     if is_kims and study.camera == KIM_CAMERA:
         axes.axvline(KIM_RATIO, color=drawing.GREY, lw=1.2, ls="--", zorder=1)
         kim = f"Kim et al.: {KIM_RATIO}"
