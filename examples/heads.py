@@ -3,7 +3,8 @@
 Each preset is simulated at 60 Hz. Each set of recordings is replayed at its own rate,
 beside the model that is fitted to it, drawn at the same frames: lost ones too, which
 replays fill. Models fitted to half of a set's people are held against the other half. A
-set's name is the first part of its files' names. Writes `heads.md` and a picture.
+set's name is that in `SETS`, of the first part of its files' names, or that part.
+Writes `heads.md` and a picture.
 
     python examples/heads.py --traces FOLDER --scenes coffee grass text noise
 """
@@ -21,9 +22,11 @@ from matplotlib import pyplot as plt
 import hmdjit as hj
 from hmdjit.estimates.intervals import Z95
 from hmdjit.estimates.summary import POOLED, SummaryRow, summarize
+from hmdjit.figures.drawing import save
 from hmdjit.head_fitting import fitting, statistics
 
 PRESETS = ("fixating", "seated", "free_viewing", "tracker_noise")
+SETS = {"crom": "seated", "fix": "fixating", "nas": "free viewing"}
 DRAWS = 4  # persons of the model for each recorded segment
 JUDGED_DRAWS = 64  # the same, where a model is held against recordings
 # What falls short is bold: speeds and wander in %, spectra in dB, excess kurtosis.
@@ -148,7 +151,7 @@ def draw(found: dict[str, list[SummaryRow]], path: Path) -> None:
     left.set_xlabel("MTCD ratio, head movement / none")
     right.set_xlabel("detail loss of head movement, code values²")
     figure.suptitle("Flicker of presets, of recorded heads and of the fitted models")
-    figure.savefig(path, dpi=150)
+    save(figure, path, tight=False)
 
 
 def main() -> None:
@@ -163,7 +166,8 @@ def main() -> None:
 
     sets: dict[str, list[hj.Trace]] = {}
     for file in sorted(options.traces.glob("*.csv")) if options.traces else ():
-        sets.setdefault(file.name.split("_")[0], []).append(hj.Trace.read(file))
+        part = file.name.split("_")[0]
+        sets.setdefault(SETS.get(part) or part, []).append(hj.Trace.read(file))
     heads: dict[str, hj.HeadMotion | hj.Replay] = {
         f"preset {name}, 60 Hz": hj.HeadMotion.preset(name) for name in options.presets
     }

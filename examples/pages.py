@@ -3,6 +3,12 @@
 A page lies beside the script that fills it, under the same name. What stands between
 `<!-- name -->` and `<!-- end -->` is replaced by what the script measured, and the
 first line by the command, the versions and the machine that measured it.
+
+Makes the pages and pictures whose numbers are of another model than today's, which
+wants an idle machine for an hour or two; or names them. Traces are those of `heads.py`.
+
+    python examples/pages.py --traces FOLDER
+    python examples/pages.py --check
 """
 
 import argparse
@@ -11,13 +17,25 @@ import os
 import platform
 import re
 import shlex
+import shutil
+import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import jax
+import PIL.Image
 
-import hmdjit as hj
+from hmdjit.cli.main import run
+from hmdjit.studies.identity import made_by
+
+FOLDER = Path(__file__).parent
+STUDY = "default_study_ratios.png"
+"""Picture of `hmdjit study` as it is."""
+OF_THE_MODEL = ("fitted_curves", "heads", "sensitivities", "time_to_one_percent")
+OF_THE_MODEL += ("trade_off",)
+"""Pages whose numbers another model changes; others tell errors and speed."""
 
 _BLOCK = re.compile(r"<!-- (?!end )(\w+) -->\n.*?<!-- end -->", re.S)
 
@@ -63,9 +81,57 @@ def write(
         raise ValueError(f"blocks must be {names}, got {list(blocks)}.")
     fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
     text = _BLOCK.sub(fill, page)
-    command = shlex.join(["python", f"examples/{Path(script).name}", *sys.argv[1:]])
-    made = f"*Made by `{command}`: hmdjit {hj.__version__}"
+    # Where a folder lies on this machine tells nobody anything.
+    words = [Path(w).name if os.path.isabs(w) else w for w in sys.argv[1:]]
+    command = shlex.join(["python", f"examples/{Path(script).name}", *words])
+    made = f"*Made by `{command}`: {made_by()}"
     if is_measured:
         made += f", JAX {jax.__version__}, {processor()}, {os.cpu_count()} cores"
     out.write_text(f"{made}.*\n" + text.partition("\n")[2], encoding="utf-8")
     print(f"Wrote {out}.")
+
+
+def is_old(file: Path) -> bool:
+    """Whether a page or a picture is of another version or model than today's."""
+    if file.suffix == ".md":
+        line = file.read_text(encoding="utf-8").partition("\n")[0]
+        return f": {made_by()}" not in line
+    with PIL.Image.open(file) as picture:
+        return picture.info.get("Source") != made_by()
+
+
+def old(folder: Path) -> list[str]:
+    """Name the pages and the pictures beside them that are to be made again."""
+    files = [
+        file for name in OF_THE_MODEL for file in folder.glob(f"{name}*.[mp][dn]*")
+    ]
+    return sorted(file.name for file in (folder / STUDY, *files) if is_old(file))
+
+
+def main() -> None:
+    """Make what is old, or name it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="name them, make none")
+    parser.add_argument("--traces", help="folder of SET_PERSON_*.csv, for `heads.py`")
+    options = parser.parse_args()
+    found = old(FOLDER)
+    if options.check:
+        sys.exit(f"not of {made_by()}: {', '.join(found)}" if found else 0)
+    if STUDY in found:
+        with tempfile.TemporaryDirectory() as folder:
+            if code := run(["study", "--out", folder]):
+                sys.exit(code)
+            shutil.copy(Path(folder) / "ratios.png", FOLDER / STUDY)
+    for name in OF_THE_MODEL:
+        if any(file.startswith(name) for file in found):
+            command = [sys.executable, str(FOLDER / f"{name}.py")]
+            if name == "heads":
+                command += ["--traces", options.traces or parser.error("name --traces")]
+                command += ["--scenes", "coffee", "grass", "text", "noise"]
+            subprocess.run(command, check=True)
+
+
+if __name__ == "__main__":
+    main()

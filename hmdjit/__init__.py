@@ -5,6 +5,25 @@ techniques to them, and reports how much each flickers, how much detail it costs
 how sure that is.
 """
 
+import os as _os
+import signal as _signal
+import sys as _sys
+import typing as _typing
+
+
+def _stop(*_: object) -> _typing.NoReturn:
+    """End the process at once: an exception may be swallowed where it is raised."""
+    _os.write(2, b"hmdjit: stopped.\n")
+    _os._exit(130)
+
+
+# Of the command line, unless it ignores interruptions: imports below take seconds.
+_program = _sys.orig_argv[-len(getattr(_sys, "argv", ())) :][:1]
+_name = _os.path.splitext(_os.path.basename("".join(_program)))[0]
+_is_default = _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler
+if _name in ("hmdjit", "-mhmdjit") and _is_default:
+    _signal.signal(_signal.SIGINT, _stop)
+
 from . import curves as curves
 from . import metrics as metrics
 from . import quaternion as quaternion

@@ -43,7 +43,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish():
-    """What is imported stays: no need to look through it for garbage again and again."""
+    """What is imported stays: no need to look for garbage in it again and again."""
     gc.collect()
     gc.freeze()
 

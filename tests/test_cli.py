@@ -1,7 +1,12 @@
 import csv
+import gc
+import io
 import re
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -10,6 +15,7 @@ import pytest
 import xarray
 
 import hmdjit as hj
+from hmdjit import __main__ as entry
 from hmdjit.cli import main as cli
 from hmdjit.head_motion import presets
 from hmdjit.reports import study as report
@@ -98,6 +104,68 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     assert re.fullmatch(r"hmdjit: stopped;[^\n]*run the same command[^\n]*\n", error)
 
 
+def _interrupted(out, after_s):
+    """Exit code and errors of a study, interrupted so long after its first import."""
+    study = [*SMALL, "--sessions", "9999", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hmdjit", *study],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    maps = Path(f"/proc/{process.pid}/maps")
+    if not maps.exists():
+        process.kill()
+        pytest.skip("this system does not tell what a process has imported")
+    while "numpy" not in maps.read_text(encoding="utf-8"):
+        time.sleep(0.01)
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=300)
+    return process.returncode, error
+
+
+@pytest.mark.parametrize(
+    "after_s",
+    [0.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.3, 1, 2, 4, 8, 16))],
+)
+def test_an_interruption_is_heeded_from_the_first_import_on(after_s, tmp_path):
+    code, error = _interrupted(tmp_path, after_s)
+    assert code == 130, error
+    assert re.fullmatch(r"hmdjit: stopped[^\n]*\.\n", error), error
+
+
+def test_an_interruption_that_is_swallowed_comes_again(monkeypatch):
+    def swallow(phase, info):
+        gc.callbacks.remove(swallow)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "unraisablehook", entry._swallowed)
+    gc.callbacks.append(swallow)
+    usual = signal.getsignal(signal.SIGINT)
+    try:
+        gc.collect()
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(30)
+    finally:
+        signal.signal(signal.SIGINT, usual)
+
+
+def test_the_version_is_told(capsys):
+    assert cli.run(["--version"]) == 0
+    assert capsys.readouterr().out == f"hmdjit {hj.__version__}\n"
+
+
+def test_the_help_is_told_in_any_encoding(monkeypatch):
+    pipe = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", pipe)
+    with pytest.raises(SystemExit) as done:
+        cli.run(["--help"])
+    assert done.value.code == 0
+    pipe.seek(0)
+    assert "* study" in pipe.read()
+
+
 def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypatch):
     def one_fails(self, techniques, texture, batch):
         mtcd = np.arange(1.0, 7.0)
@@ -129,13 +197,19 @@ WRONG_STUDIES = [
     (["--images", "{missing}"], r"missing.png"),
     (["--trace", "{nan_trace}"], r"nan.csv.*line 4.*qy"),
     (["--techniques", "head_movment"], r"Did you mean 'head_movement'"),
+    (
+        ["--techniques", "none,msaa4"],
+        r"--techniques must be .* Several are separated by spaces: none msaa4\.$",
+    ),
+    (["--scenes=text,coffee"], r"--scenes must be .* by spaces: text coffee\.$"),
+    (["--images", "a.png,b.png"], r"separated by spaces: a.png b.png\.$"),
     (["--sessions", "0"], r"sessions must be a whole number >= 1, got 0"),
     (["--frames", "1"], r"frames must be a whole number >= 2, got 1"),
     (["--warmup", "-1"], r"warmup must be a whole number >= 0, got -1"),
-    (["--fov", "181"], r"fov_deg must lie in \(0, 180\), got 181"),
-    (["--refresh", "0"], r"refresh_hz must lie in \(0, inf\), got 0"),
-    (["--crop", "5000"], r"crop size_px must lie in \[1, 1024\], got 5000"),
-    (["--crop", "64", "--whole-frame"], r"crop and whole_frame exclude each other"),
+    (["--fov", "181"], r"--fov must lie in \(0, 180\), got 181"),
+    (["--refresh", "0"], r"--refresh must lie in \(0, inf\), got 0"),
+    (["--crop", "5000"], r"--crop must lie in \[1, 1024\], got 5000"),
+    (["--crop", "64", "--whole-frame"], r"--crop and --whole-frame exclude each other"),
     (["--scenes", "nois"], r"Did you mean 'noise'"),
     (["--baseline", "ssaa3"], r"baseline must be one of"),
     (["{bad_key}"], r"bad_key.toml: unknown key sesions. Did you mean sessions\?"),
@@ -144,8 +218,11 @@ WRONG_STUDIES = [
         r"unknown key head_movement.wmin. Did you mean head_movement.w_mi",
     ),
     (["{bad_type}"], r"bad_type.toml: sessions must be a whole number, got 'many'"),
+    (["--tile-size", "48"], r"--tile-size must divide .* 1024 x 1024, got 48; 128 doe"),
+    (["--width", "1000", "--height", "1001"], r"--tile-size must divide .* 1000 x 10"),
+    (["--trace", "{trace}", "--tolerance", "0.1"], r"--tolerance and --budget need a"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
-    (["--tiles", "4096"], r"tiles count must lie in \[1, 256\], got 4096"),
+    (["--tiles", "4096"], r"--tiles must lie in \[1, 256\], got 4096"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
     (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of at"),
     (
@@ -158,7 +235,10 @@ WRONG_STUDIES = [
     (["--head", "fixatin"], r"head must be one of .* Did you mean 'fixating'\?"),
     (["--head", "{missing_toml}"], r"missing.toml: cannot be read: No such file"),
     (["--head", "{bad_key}"], r"bad_key.toml: unknown key sesions\."),
-    (["--head", "seated", "--trace", "me.csv"], r"head and trace exclude each other"),
+    (
+        ["--head", "seated", "--trace", "me.csv"],
+        r"--head and --trace exclude each other",
+    ),
     (["{bad_head}"], r"bad_head.toml: head must be a string, got 3"),
     (["--out", "{beneath}"], r"out must be where files can be made.* is a file"),
 ]
@@ -168,6 +248,10 @@ WRONG_STUDIES = [
 def places(tmp_path):
     contents = {
         "text": ("notes.png", "no picture"),
+        "trace": (
+            "trace.csv",
+            "t_s,qw,qx,qy,qz\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,1,0,0,0\n",
+        ),
         "nan_trace": (
             "nan.csv",
             "t_s,qw,qx,qy,qz\n0,1,0,0,0\n0.1,1,0,0,0\n0.2,1,0,nan,0\n",

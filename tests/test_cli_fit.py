@@ -63,7 +63,7 @@ def _refused(arguments, out, capsys):
         (["--lag", "-1"], r"lag must lie in \[0, inf\), got -1"),
         (["--head", "seatd"], "Did you mean 'seated'"),
         (["--seed", "-1"], "seed must be a whole number >= 0"),
-        (["--width", "16"], "16"),
+        (["--width", "67"], "no size of 4 to 64 px divides 67 x 64"),
     ],
 )
 def test_wrong_options_are_refused_at_once(arguments, words, tmp_path, capsys):
@@ -130,9 +130,9 @@ def test_lines_are_few_where_there_is_no_terminal(capsys):
     with Display(rich.console.Console()) as display:
         for step in range(100):
             line = "a plan" if step == 50 else ""
-            display(Progress(step, 100, f"step {step}", line=line))
+            display(Progress(step, 4000, f"step {step}", line=line, unit="simulations"))
     first, second = capsys.readouterr().out.splitlines()
-    assert first.split() == ["0", "s", "0", "of", "100,", "step", "0"]
+    assert first.split() == ["0", "s", "0", "of", "4,000", "simulations,", "step", "0"]
     assert second == "a plan"
 
 

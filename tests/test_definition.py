@@ -8,6 +8,7 @@ import hmdjit as hj
 from hmdjit.cli import definition
 from hmdjit.cli.definition import Options
 from hmdjit.head_motion import presets
+from hmdjit.studies import identity
 from hmdjit.techniques import SSAA, NoAntialiasing
 
 FEW = Options(scenes=("noise",), techniques=("none",))
@@ -25,7 +26,8 @@ def test_what_is_not_said_keeps_the_default_study():
 @pytest.mark.parametrize("name", list(presets.tables()))
 def test_every_preset_is_a_head_of_a_study(name):
     study = definition.build(dataclasses.replace(FEW, head=name))
-    assert str(study.head) == str(hj.HeadMotion.preset(name))
+    assert study.head == hj.HeadMotion.preset(name)
+    assert identity.head_words(study.head) == name
 
 
 @pytest.mark.parametrize("name", ["me.toml", "me"])
@@ -99,10 +101,13 @@ def test_the_command_line_overrides_a_files_rivals(low, high):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ({"head": "seated", "trace": (Path("me.csv"),)}, "head and trace exclude"),
-        ({"tiles": 0, "crop": 64}, "tiles and crop exclude"),
-        ({"tile_size": 32, "whole_frame": True}, "tiles and whole_frame exclude"),
-        ({"scenes": ("noise",), "images": (Path("a.png"),)}, "scenes and images excl"),
+        ({"head": "seated", "trace": (Path("me.csv"),)}, "--head and --trace exclude"),
+        ({"tiles": 0, "crop": 64}, "--tiles and --crop exclude"),
+        ({"tile_size": 32, "whole_frame": True}, "--tiles and --whole-frame exc"),
+        (
+            {"scenes": ("noise",), "images": (Path("a.png"),)},
+            "--scenes and --images ex",
+        ),
     ],
 )
 def test_rivals_are_refused(said, message):

@@ -1,3 +1,4 @@
+import importlib
 import json
 import re
 import shlex
@@ -7,7 +8,9 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import PIL.Image
 import pytest
+from PIL.PngImagePlugin import PngInfo
 
 import hmdjit as hj
 
@@ -95,6 +98,29 @@ def test_a_page_names_its_command_and_has_whole_tables(name):
     assert tables
     for table in tables:
         assert len({len(row) for row in _cells(table)}) == 1
+
+
+@pytest.fixture
+def pages(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    yield importlib.import_module("pages")
+    del sys.modules["pages"]
+
+
+def test_old_pages_and_pictures_are_known(pages, tmp_path):
+    now, before = pages.made_by(), "hmdjit 0.1.0, model 4"
+    for name, made in {"heads": now, "trade_off": before, "speed": before}.items():
+        (tmp_path / f"{name}.md").write_text(f"*Made by `python x`: {made}, JAX 0.*\n")
+        picture = PngInfo()
+        picture.add_text("Source", made)
+        file = tmp_path / f"{name}.png"
+        PIL.Image.new("L", (2, 2)).save(file, pnginfo=picture)
+    PIL.Image.new("L", (2, 2)).save(tmp_path / pages.STUDY)  # of times before any stamp
+    assert pages.old(tmp_path) == [pages.STUDY, "trade_off.md", "trade_off.png"]
+
+
+def test_the_readmes_picture_is_of_this_model(pages):
+    assert not pages.is_old(EXAMPLES / pages.STUDY)
 
 
 LONG = {"heads", "fitted_curves"}  # minutes, in their smallest form

@@ -2,10 +2,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small
 from scipy import stats
 
 import hmdjit as hj
 from hmdjit import blending
+from hmdjit.cli import definition
+from hmdjit.cli.definition import Options
 from hmdjit.simulation.halo import needed_halo_px, required_halo_px
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
 
@@ -65,6 +68,36 @@ def test_tile_means_are_unbiased_for_any_picture(key, rng):
 def test_wrong_blocks_are_refused(measure, message):
     with pytest.raises(ValueError, match=message):
         measure()
+
+
+@pytest.mark.parametrize(
+    ("width_px", "height_px", "size_px"),
+    [
+        (1024, 1024, 64),
+        (2064, 2208, 48),
+        (1920, 1080, 60),
+        (1832, 1920, 8),
+        (24, 18, 6),
+        (64, 64, 32),
+    ],
+)
+def test_the_default_tile_divides_the_frame(width_px, height_px, size_px):
+    camera = hj.Camera(width_px, height_px)
+    study = hj.Study(
+        {"noise": small.NOISE},
+        [hj.techniques.by_id("none")],
+        hj.HeadMotion.seated(),
+        camera,
+        baseline="none",
+    )
+    assert study.measure == Tiles(2, size_px)
+    told = Options(width=width_px, height=height_px, scenes=("noise",))
+    assert definition.build(told).measure == Tiles(2, size_px)
+
+
+def test_a_frame_that_no_tile_divides_is_refused():
+    with pytest.raises(ValueError, match="no size of 4 to 64 px divides 1000 x 1001"):
+        Tiles.fitting(hj.Camera(1000, 1001))
 
 
 def test_crop_and_whole_frame_lie_where_they_say(key):

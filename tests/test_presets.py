@@ -55,6 +55,13 @@ def test_presets_load_and_say_where_they_come_from(name):
     assert "arXiv" in table["source"] or "doi" in table["source"]
 
 
+@pytest.mark.parametrize("name", TABLES)
+def test_presets_are_known_by_their_numbers(name):
+    head = HeadMotion.preset(name)
+    assert presets.name_of(head) == name
+    assert presets.name_of(jax.tree.map(lambda x: 1.5 * x, head)) is None
+
+
 @pytest.mark.parametrize("name", [name for name in TABLES if name != "tracker_noise"])
 def test_presets_say_how_sure_each_number_is(name):
     table = TABLES[name]

@@ -138,6 +138,16 @@ def test_a_heads_words_name_its_model_and_its_resonances():
     assert str(BURSTS).endswith("resonance of 0.45/0.35/0.3 deg/s at 8/4.1/11.4 Hz")
 
 
+def test_a_gradient_is_not_told_as_a_head():
+    a_slope = lambda head: 0.3 * head.person_sd - 0.046 * head.correlation_time_s[0]
+    slopes = jax.grad(a_slope)(MODEL_A)
+    for numbers in (slopes, jax.tree.map(lambda x: -float(x), slopes)):
+        assert "model" not in str(numbers)
+    assert "correlation_time_s=(-0.046, " in str(slopes)
+    # Tracers have no value yet.
+    jax.eval_shape(lambda head: (str(head), 0)[1], MODEL_A)
+
+
 # --- bursts ---
 
 

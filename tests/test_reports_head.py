@@ -73,9 +73,9 @@ def fit(**others):
     return made._replace(**others)
 
 
-def printed(show, *arguments, encoding="utf-8", **options):
+def printed(show, *arguments, encoding="utf-8", width=80, **options):
     file = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="")
-    show(Console(file=file, width=80, markup=False), *arguments, **options)
+    show(Console(file=file, width=width, markup=False), *arguments, **options)
     file.seek(0)
     return file.read()
 
@@ -95,6 +95,16 @@ def test_a_fit_is_tabled_with_all_its_numbers_errors_and_intervals():
     assert "Errors and intervals are over 11 subjects." in text
     assert "Order 2: 2 resonances per axis" in text
     assert "held-out data by order: 0: 0.3000, 1: 0.2100, 2: 0.2000." in text
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_no_number_of_a_fit_is_cut(width):
+    wide = presets.from_table(HeadMotion, scaled(_toml.table(HEAD), 12345.6))
+    lines = printed(head_report.print_fit, fit(high=wide), width=width).splitlines()
+    assert max(map(len, lines)) <= width
+    bounds = [line.rstrip() for line in lines if line.rstrip().endswith("]")]
+    assert len(bounds) == 3 * (3 + 2 * 3) + 4
+    assert bounds[0].endswith(f"[0.815, {0.905 * 12345.6:.3f}]")
 
 
 def test_numbers_that_are_not_identifiable_say_so():
@@ -142,14 +152,19 @@ def test_tables_are_plain_text_in_any_encoding(encoding, recorded):
 def test_figures_show_data_alone_or_a_model_beside_them(segments, recorded, tmp_path):
     alone = head_figure.draw("someone", segments, recorded)
     head = HeadMotion((0.7, 0.5, 0.3), (0.05,) * 3, (0.001,) * 3)
-    both = head_figure.draw("someone", segments, recorded, head, recorded)
+    both = head_figure.draw("someone$1_$2", segments, recorded, head, recorded)
     for figure, curves, entries in ((alone, 4, 2), (both, 5, 4)):
         assert len(figure.axes) == 5
         assert len(figure.axes[0].lines) == curves
         assert len(figure.legends[0].get_texts()) == entries
     texts = [text for text in both.findobj(Text) if isinstance(text, Text)]
     words = " ".join(text.get_text() for text in texts)
-    for part in ("someone", "3 subjects, 30 Hz, 36 s held still", "median: ", *AXES):
+    for part in (
+        "someone$1_$2",
+        "3 subjects, 30 Hz, 36 s held still",
+        "median: ",
+        *AXES,
+    ):
         assert part in words
 
     save(both, tmp_path / "both.png", tight=False)

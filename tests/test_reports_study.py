@@ -1,20 +1,26 @@
 import dataclasses
 import io
+import re
+import sys
 
 import matplotlib
 import numpy as np
+import PIL.Image
 import pytest
 import xarray
 from matplotlib.image import imread
 from matplotlib.text import Text
 from rich.console import Console
 
+import hmdjit as hj
+from hmdjit.cli import main as cli
 from hmdjit.estimates.summary import MeanAndError, summarize
 from hmdjit.figures import drawing
 from hmdjit.figures import study as figures
+from hmdjit.figures.ratios import draw_ratios
 from hmdjit.figures.techniques import Compared
 from hmdjit.reports import study as report
-from hmdjit.studies.identity import metric_ids
+from hmdjit.studies.identity import made_by, metric_ids
 
 TECHNIQUES = ["none", "msaa4", "head_movement", "freeze", "ssaa4"]
 SCENES = ["astronaut", "checkerboard", "text", "almost_uniform"]
@@ -30,7 +36,7 @@ def study(count=60, techniques=TECHNIQUES, scenes=SCENES, subjects=None, **attrs
     loss = {"head_movement": 12.0, "freeze": 90.0, "ssaa4": 0.0}
     shape = (len(techniques), len(scenes), count)
     spread = np.exp(0.5 * rng.standard_normal(count) + 0.1 * rng.standard_normal(shape))
-    base = np.array([level[s] for s in scenes])[None, :, None] * spread
+    base = np.array([level.get(s, 5.0) for s in scenes])[None, :, None] * spread
     shares = np.array([share.get(t, 1.0) for t in techniques])[:, None, None]
     losses = np.array([loss.get(t, 8.0) for t in techniques])[:, None, None]
     dims = ("technique", "scene", "session")
@@ -92,6 +98,33 @@ def test_tables_fit_and_keep_each_technique_on_one_line(width):
     interval = f"{row.ratio:.3f} [{row.ratio_low:.3f}, {row.ratio_high:.3f}]"
     assert interval in pooled[2]
     assert "1 (baseline)" in pooled[1]
+
+
+@pytest.mark.parametrize("width", [30, 40])
+def test_narrow_tables_keep_every_number(width):
+    wide, narrow = (printed(DATA, w, rows=ROWS) for w in (200, width))
+    numbers = [
+        re.findall(r"\d+\.\d+", text.split("MTCD in")[0]) for text in (wide, narrow)
+    ]
+    assert len(numbers[0]) > 50
+    assert sorted(numbers[0]) == sorted(numbers[1])
+    assert "…" not in narrow
+    assert max(map(len, narrow.split("MTCD in")[0].splitlines())) <= 40
+
+
+def test_a_finished_study_is_told_whatever_the_terminal_can_show(tmp_path, monkeypatch):
+    data = study(techniques=["msaa4", "none"], scenes=["図", "cost$1_$2"])
+    monkeypatch.setattr(hj.Study, "run", lambda *_, **__: data)
+    terminal = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    small = ["--scenes", "noise", "--techniques", "none", "--sessions", "1"]
+    assert cli.run(["study", *small, "--out", str(tmp_path / "図")]) == 0
+    terminal.seek(0)
+    text = terminal.read()
+    assert "1 scene x 1 technique x 1 session of" in text
+    assert re.search(r"^\\u56f3 .*\d", text, re.M)
+    assert "Wrote " in text
+    assert {file.name for file in (tmp_path / "図").iterdir()} >= set(FIGURES)
 
 
 def test_tables_survive_an_encoding_without_symbols():
@@ -173,6 +206,8 @@ def test_a_report_is_a_summary_and_four_figures_always_the_same(tmp_path):
     )
     for path in paths[1:]:
         picture = imread(path)
+        with PIL.Image.open(path) as file:
+            assert file.info["Source"] == made_by()
         ink = (picture[..., :3].min(axis=-1) < 0.9).mean()
         assert 0.005 < ink < 0.5
         if path.name in SIZES:
@@ -192,10 +227,31 @@ def test_names_of_points_do_not_overlap():
     axes.plot(*places.T, "o")
     drawing.label_points(figure, axes, points)
     assert len(axes.texts) == len(points)
+    figure.draw_without_rendering()
     # Of the words alone: an annotation's own extent holds its leader too.
     boxes = [Text.get_window_extent(name) for name in axes.texts]
     for index, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:index])
+
+
+def test_names_of_points_cover_no_point_and_no_bar():
+    figure = figures.draw(DATA, ROWS)["flicker_detail"]
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    names = [text for text in axes.texts if text.get_fontweight() == "bold"]
+    assert len(names) == len(TECHNIQUES)
+    marks = list(drawing._drawn(axes))
+    assert len(marks) > len(TECHNIQUES) * len(SCENES)
+    for name in names:
+        box = Text.get_window_extent(name)
+        assert not any(box.overlaps(mark) for mark in marks)
+
+
+@pytest.mark.parametrize(("width_px", "is_there"), [(1024, True), (2048, False)])
+def test_kims_number_stands_beside_ratios_of_their_camera_alone(width_px, is_there):
+    figure = draw_ratios(Compared(DATA.assign_attrs(width_px=width_px), ROWS))
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert ("Kim et al.: 0.56" in words) == is_there
 
 
 def test_every_technique_keeps_its_style():

@@ -22,7 +22,7 @@ from ..studies.study import Study, check_seed
 from ..techniques import curve_file
 from ..techniques.base import AbstractTechnique
 from .options import HEAD as HEAD
-from .options import TECHNIQUES, PoseLog
+from .options import TECHNIQUES, PoseLog, spoken
 from .options import Options as Options
 
 Tables = Mapping[str, Mapping[str, Any]]
@@ -95,9 +95,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     for rivals in _RIVALS:
         ways = [names[0] for names in rivals if said.keys() & set(names)]
         if len(ways) > 1:
-            raise ValueError(
-                f"{' and '.join(ways)} exclude each other: name one of them."
-            )
+            raise ValueError(f"{spoken(*ways)} exclude each other: name one of them.")
     names = {"sessions", "frames", "warmup", "oversampling", "margin"}
     numbers = {key: said[key] for key in names & said.keys()}
     if "margin" in numbers:
@@ -110,7 +108,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     camera = Camera(
         **{f"{k}_{unit}": said[k] for k, unit in units.items() if k in said}
     )
-    measure = _measure(options)
+    measure = _measure(options, camera)
     measure.block_size(camera)
     chosen = _techniques(options, tables or {})
     ids = [technique.id for technique in chosen]
@@ -126,13 +124,15 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     )
 
 
-def _measure(options: Options) -> Measurement:
+def _measure(options: Options, camera: Camera) -> Measurement:
     if options.whole_frame:
         return WholeFrame()
     if options.crop is not None:
         return CentralCrop(options.crop)
-    said = {"count": options.tiles, "size_px": options.tile_size}
-    return Tiles(**{name: value for name, value in said.items() if value is not None})
+    count = options.tiles or Tiles().count
+    if options.tile_size is None:
+        return Tiles.fitting(camera, count)
+    return Tiles(count, options.tile_size)
 
 
 def _techniques(options: Options, tables: Tables) -> list[AbstractTechnique]:

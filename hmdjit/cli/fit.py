@@ -14,7 +14,8 @@ from ..figures import curve_fitting as figures
 from ..figures.drawing import save
 from ..reports import curve_fitting as report
 from ..scenes.base import AbstractScene
-from ..studies.identity import camera_words, frames_words
+from ..studies.identity import camera_words, counted, frames_words
+from ..studies.measured_blocks import Tiles
 from ..studies.study import Study
 from ..techniques import curve_file
 from . import definition
@@ -37,7 +38,7 @@ HELD_OUT = ("checkerboard", "noise")
 FLAT = "almost_uniform"
 """The one of the eleven scenes that has no flicker to remove."""
 
-_NONE = "none"
+_NONE, _TILE_PX = "none", 32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +110,8 @@ class FitCommand:
         study = _study(self, fitted_to)
         about = _about(self, study, tuple(held_out))
         console.out(
-            f"{len(study.scenes)} scenes x {study.sessions} sessions of "
+            f"{counted(len(study.scenes), 'scene')} x "
+            f"{counted(study.sessions, 'session')} of "
             f"{study.warmup} + {study.frames} frames, {about['width_px']} x "
             f"{about['height_px']} px, {about['fov_deg']:g} deg, "
             f"{about['refresh_hz']:.4g} Hz; head {about['head']}; {space.size} numbers "
@@ -174,9 +176,9 @@ def _scenes(command: FitCommand) -> tuple[tuple[str, ...], dict[str, AbstractSce
 def _study(command: FitCommand, names: tuple[str, ...]) -> Study:
     shared = ("head", "sessions", "frames", "warmup", "width", "height", "fov")
     options = {name: getattr(command, name) for name in (*shared, "refresh", "seed")}
-    return definition.build(
-        definition.Options(scenes=names, tiles=1, tile_size=32, **options)
-    )
+    study = definition.build(definition.Options(scenes=names, tiles=1, **options))
+    tile = Tiles.fitting(study.camera, 1, _TILE_PX)
+    return dataclasses.replace(study, measure=tile)
 
 
 def _about(

@@ -19,6 +19,7 @@ from ..head_fitting.statistics import Goodness
 from ..head_motion import HeadMotion, Trace, presets
 from ..head_motion.trace_clock import RATES_HZ
 from ..reports import head as head_report
+from ..studies.identity import counted
 from ..studies.sessions import study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
@@ -44,7 +45,7 @@ class Recordings(PoseLog):
     def read(self, console: rich.console.Console) -> list[Trace]:
         """Read the traces, each once."""
         _checks.in_range("max_speed", self.max_speed, 0, open_low=True)
-        console.out(f"Reading {len(self.traces)} recordings.")
+        console.out(f"Reading {counted(len(self.traces), 'recording')}.")
         traces = [self.read_trace(path) for path in self.traces]
         for trace in traces:
             for note in trace.notes:

@@ -1,8 +1,11 @@
 """Options that several commands share, those of a study above all."""
 
 import dataclasses
+import re
 import tempfile
+import typing
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -185,6 +188,48 @@ class Options(PoseLog, _StudyOptions):
         """Name what differs from the default."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(Options)}
         return {k: v for k, v in values.items() if v is not None and v is not False}
+
+
+_FIELDS = {
+    "width_px": "width",
+    "height_px": "height",
+    "fov_deg": "fov",
+    "refresh_hz": "refresh",
+    "margin_deg": "margin",
+    "tiles count": "tiles",
+    "tiles size_px": "tile_size",
+    "crop size_px": "crop",
+    "budget, s": "budget",
+    "technique": "techniques",
+    "head": "model",
+}
+
+
+def as_option(message: str, command: Any) -> str:
+    """Name the command's option at the start of a message that names a field."""
+    found = re.match(r"(.+?) (?=(must|need|are) )", message)
+    if found is None or not dataclasses.is_dataclass(command):
+        return message
+    options, fields = set(_names(command)), found[1].split(" and ")
+    names = [name.replace("-", "_") for name in fields]
+    names = [n if n in options else _FIELDS.get(n, n) for n in names]
+    is_known = options.issuperset(names)
+    return f"{spoken(*names)} {message[found.end() :]}" if is_known else message
+
+
+def spoken(*names: str) -> str:
+    """Options as a user types them."""
+    return " and ".join(f"--{name.replace('_', '-')}" for name in names)
+
+
+def _names(command: Any) -> Iterator[str]:
+    hints = typing.get_type_hints(type(command), include_extras=True)
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _names(value)
+        elif tyro.conf.Positional not in getattr(hints[field.name], "__metadata__", ()):
+            yield field.name
 
 
 def check_can_write(folder: Path) -> None:

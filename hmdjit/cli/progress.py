@@ -37,10 +37,12 @@ class Display:
         if event.line:
             self._console.out(event.line)
         seconds = time.monotonic() - self._start
-        words = [f"{event.done} of {event.total}"] if event.total else []
+        words = (
+            [f"{event.done:,} of {event.total:,} {event.unit}"] if event.total else []
+        )
         if event.fresh:
             speed = event.fresh / seconds
-            words.append(f"{speed:,.0f} sessions/s")
+            words.append(f"{speed:,.0f} {event.unit}/s")
             words.append(f"{(event.total - event.done) / speed:,.0f} s left")
         words = f"{seconds:5.0f} s  {', '.join([*words, event.doing])}"
         total = event.total or None

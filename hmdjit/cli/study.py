@@ -7,8 +7,10 @@ from typing import Annotated
 import rich.console
 import tyro
 
+from ..head_motion import presets
 from ..head_motion.replay import Replay
 from ..reports import study as report
+from ..studies.identity import counted
 from . import definition
 from .options import HEAD, OK, Options, check_can_write, shown
 from .progress import Display
@@ -43,7 +45,7 @@ class StudyCommand(Options):
         camera = study.display
         traces = study.head.traces if isinstance(study.head, Replay) else ()
         is_replay = bool(traces)  # its windows are counted later
-        sessions = f"{'at most ' if is_replay else ''}{study.sessions} sessions"
+        sessions = "at most " * is_replay + counted(study.sessions, "session")
         if goal.tolerance is not None:
             sessions = (
                 f"sessions until all is known within {100 * goal.tolerance:g} %, each"
@@ -54,13 +56,16 @@ class StudyCommand(Options):
             sessions = f"as many sessions as in {options.repeat}, each"
         for note in [note for trace in traces for note in trace.notes]:
             console.out(note)
-        head = "" if is_replay else f"{options.head or HEAD}, "
+        head = study.head
+        if not isinstance(head, Replay):
+            head = f"{options.head or HEAD}, {presets.words(head)}"
         console.out(
-            f"{len(study.scenes)} scenes x {len(study.techniques)} techniques x "
-            f"{sessions} of {study.warmup} + {study.frames} frames, "
+            f"{counted(len(study.scenes), 'scene')} x "
+            f"{counted(len(study.techniques), 'technique')} x {sessions} of "
+            f"{study.warmup} + {study.frames} frames, "
             f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
             f"{camera.refresh_hz:.4g} Hz.\n"
-            f"Head: {head}{study.head}.\n"
+            f"Head: {head}.\n"
             "Compiling each technique when it first runs; finished batches are kept in "
             f"{out}."
         )

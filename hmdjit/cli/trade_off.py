@@ -13,6 +13,7 @@ from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
 from ..figures.drawing import save
 from ..reports import trade_off as trade_off_report
+from ..studies.identity import counted
 from ..studies.study import Study
 from ..trade_off import choice, measurement, settings, trade_off
 from ..trade_off.choice import Choice
@@ -87,7 +88,8 @@ class TradeOffCommand:
             console.out(f"Left out: {name} does not fit the camera.")
         console.out(
             f"Scene {next(iter(study.scenes))}: {len(cases)} settings and techniques x "
-            f"{sessions} sessions, one after the other. Rows go to {file} as they come."
+            f"{counted(sessions, 'session')}, one after the other. "
+            f"Rows go to {file} as they come."
         )
         rows = []
         try:
@@ -163,7 +165,7 @@ class PickCommand:
 def _study(command: TradeOffCommand) -> tuple[Study, str]:
     """Study of one scene, and the options that name it."""
     if command.scene is not None and command.images is not None:
-        raise ValueError("scene and images exclude each other: name one of them.")
+        raise ValueError("--scene and --images exclude each other: name one of them.")
     picture: dict[str, Any] = {"scenes": (command.scene or SCENE,)}
     if command.images is not None:
         picture = {"images": (command.images,)}

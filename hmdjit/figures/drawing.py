@@ -1,8 +1,10 @@
 """The style of all figures: colours, titles, scales, footers, names apart, files."""
 
+import contextlib
 import math
 import textwrap
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.text import Text
@@ -18,6 +21,7 @@ from matplotlib.ticker import FixedLocator, Locator, NullLocator
 from matplotlib.transforms import Bbox
 
 from .._files import written_atomically
+from ..studies.identity import made_by
 
 DPI = 150
 
@@ -45,6 +49,7 @@ styled = matplotlib.rc_context(
         "grid.linewidth": 0.6,
         "legend.fontsize": LABEL,
         "legend.frameon": False,
+        "text.parse_math": False,  # names of files and scenes may have a $
     }
 )
 """Decorator of what draws figures: in this style, whatever is set elsewhere."""
@@ -53,13 +58,24 @@ styled = matplotlib.rc_context(
 def save(figure: Figure, path: Path, *, tight: bool = True) -> Path:
     """Save a figure as PNG, whole or not at all, and return its path.
 
+    The file says, as its `Source`, of which version and model it is.
+
     **Arguments:** `tight`: cut or widened to what is drawn; else as large as it says.
     """
     box = "tight" if tight else None
-    with written_atomically(path) as unfinished:
-        look: Any = {"dpi": DPI, "bbox_inches": box, "metadata": {"Software": None}}
+    with written_atomically(path) as unfinished, quiet():
+        about = {"Software": None, "Source": made_by()}
+        look: Any = {"dpi": DPI, "bbox_inches": box, "metadata": about}
         figure.savefig(unfinished, format="png", **look)
     return path
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Draw boxes, without a warning, for letters of a name that the font lacks."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield
 
 
 def panels(
@@ -130,52 +146,88 @@ def label_points(
     points: list[tuple[float, float, str, str]],
     fontsize: float = NAME,
 ) -> None:
-    """Write each point's name beside it, where it covers no other name or point.
+    """Write each point's name beside it, where it covers no other name, point or bar.
+
+    Where none is free, it covers as little as it can.
 
     **Arguments:** `points`: x, y, name and colour of each.
     """
-    figure.draw_without_rendering()
+    with quiet():
+        figure.draw_without_rendering()
     renderer = FigureCanvasAgg(figure).get_renderer()
-    to_pixels = axes.transData.transform
     unit = DPI / 72
-    where = [np.asarray(to_pixels((x, y))) for x, y, *_ in points]
-    taken = [Bbox((point - 7 * unit, point + 7 * unit)) for point in where]
-    for x, y, name, colour in points:
-        for distance, turn in _PLACES:
-            shift = distance * np.array([math.cos(turn), math.sin(turn)])
-            side = "left" if shift[0] > 1 else "right" if shift[0] < -1 else "center"
-            text = axes.annotate(
-                name,
-                (x, y),
-                xytext=tuple(shift),
-                textcoords="offset points",
-                ha=side,
-                va="center",
-                fontsize=fontsize,
-                fontweight="bold",
-                color=colour,
-                path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
-                arrowprops={"arrowstyle": "-", "lw": 0.6, "color": GREY}
-                if distance > 15
-                else None,
-                zorder=6,
-            )
-            # An annotation's own extent holds its leader too: only words must be free.
-            text.update_positions(renderer)
-            words = Text.get_window_extent(text, renderer)
-            inside = axes.bbox.x0 < words.x0 and words.x1 < figure.bbox.x1
-            inside &= axes.bbox.y0 < words.y0 and words.y1 < axes.bbox.y1
-            if inside and not any(words.overlaps(box) for box in taken):
-                break
-            text.remove()
-        else:
-            text = axes.annotate(name, (x, y), fontsize=fontsize)
-            words = text.get_window_extent()
-        taken.append(words.padded(2 * unit))
+    where = [np.asarray(axes.transData.transform((x, y))) for x, y, *_ in points]
+    marks = [Bbox((point - 7 * unit, point + 7 * unit)) for point in where]
+    marks += [box.padded(3 * unit) for box in _drawn(axes)]
+    words = [Text.get_window_extent(text, renderer) for text in axes.texts]
+    look: dict[str, Any] = {"fontsize": fontsize, "fontweight": "bold", "va": "center"}
+    for point, (x, y, name, colour) in zip(where, points, strict=True):
+        sized = axes.text(x, y, name, **look)
+        with quiet():
+            size = np.asarray(Text.get_window_extent(sized, renderer).size)
+        sized.remove()
+
+        boxes = []
+        for x_shift, y_shift, side in _PLACES:
+            low = point + np.multiply((x_shift, y_shift), unit)
+            low = low - size * ({"left": 0, "center": 0.5, "right": 1}[side], 0.5)
+            boxes.append(Bbox((low, low + size)).padded(2 * unit))
+        covered = [
+            1000 * (not _is_inside(box, axes, figure))
+            + 100 * sum(map(box.overlaps, words))
+            + sum(map(box.overlaps, marks))
+            for box in boxes
+        ]
+        best = int(np.argmin(covered))  # the first of them is the nearest
+        words.append(boxes[best])
+        x_shift, y_shift, side = _PLACES[best]
+        axes.annotate(
+            name,
+            (x, y),
+            xytext=(x_shift, y_shift),
+            textcoords="offset points",
+            ha=side,
+            color=colour,
+            path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
+            arrowprops={"arrowstyle": "-", "lw": 0.6, "color": GREY}
+            if math.hypot(x_shift, y_shift) > 15
+            else None,
+            zorder=6,
+            **look,
+        )
+
+
+def _is_inside(box: Bbox, axes: Axes, figure: Figure) -> bool:
+    """Whether a name lies in its panel, which it may leave at the right."""
+    across = axes.bbox.x0 < box.x0 and box.x1 < figure.bbox.x1
+    return bool(across and axes.bbox.y0 < box.y0 and box.y1 < axes.bbox.y1)
+
+
+def _drawn(axes: Axes) -> Iterator[Bbox]:
+    """Boxes of scattered points and of error bars, px."""
+    for artist in axes.collections:
+        places: Any = []
+        if isinstance(artist, PathCollection):
+            places = np.asarray(artist.get_offsets())[:, None]
+        elif isinstance(artist, LineCollection):
+            places = artist.get_segments()
+        for one in places:
+            found = axes.transData.transform(one)
+            yield Bbox((found.min(axis=0), found.max(axis=0)))
+
+
+def _place(distance: float, turn_deg: float) -> tuple[float, float, str]:
+    """Offset of a name, points, and which side of it lies there."""
+    turn = math.radians(turn_deg)
+    x, y = distance * math.cos(turn), distance * math.sin(turn)
+    return x, y, "left" if x > 1 else "right" if x < -1 else "center"
 
 
 _PLACES = [
-    (distance, math.radians(turn))
-    for distance in (10, 18, 30, 45, 65)
-    for turn in (0, 180, 90, -90, 35, -35, 145, -145, 65, -65, 115, -115)
+    _place(distance, turn_deg)
+    for distance in (10.0, 18.0, 30.0, 45.0, 65.0)
+    for turn_deg in (
+        *(0.0, 180.0, 90.0, -90.0, 35.0, -35.0),
+        *(145.0, -145.0, 65.0, -65.0, 115.0, -115.0),
+    )
 ]

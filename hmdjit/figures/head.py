@@ -14,13 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogFormatter, PercentFormatter
 
 from ..head_fitting import statistics
 from ..head_fitting.spectra import Periodograms
 from ..head_fitting.statistics import Description
 from ..head_motion import HeadMotion, Trace
 from ..head_motion.parameters import AXES
+from ..studies.identity import counted
 from .drawing import DPI, GREY, styled
 
 # Okabe and Ito's blue, vermillion and green: lighter for models, darker for heads.
@@ -76,7 +77,7 @@ def draw(
         axes.tick_params(labelsize=8.5)
     subjects = len(periodograms.subjects)
     about = (
-        f"{subjects} subject{'s' * (subjects != 1)}, {recorded.rate_hz:.4g} Hz, "
+        f"{counted(subjects, 'subject')}, {recorded.rate_hz:.4g} Hz, "
         f"{recorded.still_s:,.0f} s {'held still' if word == 'recorded' else word}"
     )
     left = {"x": 0.01, "ha": "left", "va": "top"}
@@ -197,7 +198,9 @@ def _positive(values: np.ndarray) -> np.ndarray:
 
 def _logarithmic(axes: Axes) -> None:
     axes.set(xscale="log", yscale="log")
-    axes.xaxis.set_major_formatter("{x:g}")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(LogFormatter())
 
 
 def _legend(word: str, has_many: bool, has_model: bool) -> list[Line2D | Patch]:

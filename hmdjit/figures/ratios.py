@@ -6,12 +6,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..camera import Camera
 from ..estimates.summary import GEOMETRIC_MEAN, POOLED, SummaryRow
 from . import drawing
 from .techniques import Compared
 
-KIM_RATIO = 0.56
-"""Kim et al.: MTCD of their head-movement based filter, as a share of the original."""
+KIM_RATIO, KIM_CAMERA = 0.56, Camera()
+"""Kim et al.: MTCD of their head-movement based filter, as a share of the original.
+
+It depends on how many pixels a head's turns are: it is drawn beside ratios of the
+camera that stands for theirs, the default one, alone.
+"""
 
 
 def draw_ratios(study: Compared) -> Figure:
@@ -58,7 +63,9 @@ def draw_ratios(study: Compared) -> Figure:
     head = f"{study.baseline} = 1"
     above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
     axes.text(1, 1.005, head, fontsize=drawing.NOTE, **above)
-    if any(technique.startswith("head_movement") for technique in others):
+    is_kims = any(technique.startswith("head_movement") for technique in others)
+    is_kims &= study.baseline.startswith(("none", "msaa"))
+    if is_kims and study.camera == KIM_CAMERA:
         axes.axvline(KIM_RATIO, color=drawing.GREY, lw=1.2, ls="--", zorder=1)
         kim = f"Kim et al.: {KIM_RATIO}"
         axes.text(KIM_RATIO, 1.005, kim, **above, **drawing.SMALL)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..camera import Camera
 from ..estimates.summary import SummaryRow
 from ..studies.identity import footer, metric_ids
 from .drawing import COLOURS, DASHES, SMALL, panels
@@ -33,6 +34,9 @@ class Compared:
         self.reference = str(dataset.attrs.get("reference", ""))
         self.clustered = "subject" in dataset.coords
         self.footer = footer(dataset)
+        names = ("width_px", "height_px", "fov_deg", "refresh_hz")
+        known = [dataset.attrs.get(name, 1) for name in names]
+        self.camera = Camera(int(known[0]), int(known[1]), *map(float, known[2:]))
         self.others = [t for t in self.techniques if t != self.baseline]
         count = len(COLOURS)
         self.style: dict[str, tuple[str, Any, str]] = {

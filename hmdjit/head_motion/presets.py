@@ -19,6 +19,34 @@ def tables() -> dict[str, dict[str, Any]]:
     return _toml.read(Path(__file__).with_name("presets.toml"))
 
 
+def name_of(head: Any) -> str | None:
+    """Name of the preset that has a head's numbers."""
+    numbers = _toml.table(head)
+    for name, table in tables().items():
+        if _toml.table(from_table(type(head), table)) == numbers:
+            return name
+    return None
+
+
+def words(head: Any) -> str:
+    """Kind of a head, and its numbers with their units."""
+
+    def listed(values: tuple[Any, ...]) -> str:
+        return "/".join(f"{float(value):.3g}" for value in values)
+
+    return (
+        f"model {'B' if head.resonators else 'A'}, "
+        f"speed {listed(head.speed_rms_deg_s)} deg/s, "
+        f"correlation time {listed(head.correlation_time_s)} s, "
+        f"tracker noise {listed(head.tracker_noise_deg)} deg (pitch/yaw/roll)"
+        + "".join(
+            f", resonance of {listed(mode.speed_rms_deg_s)} deg/s at "
+            f"{listed(mode.frequency_hz)} Hz"
+            for mode in head.resonators
+        )
+    )
+
+
 def read(kind: type[_toml.Config], path: str | os.PathLike[str]) -> _toml.Config:
     """Read a head from a file.
 

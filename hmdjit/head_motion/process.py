@@ -9,6 +9,7 @@ scale, and a slow log-normal amplitude makes movement come in bursts.
 Arrays per axis are ordered pitch (x), yaw (y), roll (z).
 """
 
+import contextlib
 import os
 from collections.abc import Callable
 from functools import partial
@@ -110,20 +111,18 @@ class HeadMotion(eqx.Module):
         return presets.read(cls, path)
 
     def __str__(self) -> str:
-        def listed(values: tuple[Scalar, ...]) -> str:
-            return "/".join(f"{float(value):.3g}" for value in values)
+        """Say in words what head this is; of other numbers, name their fields.
 
-        return (
-            f"model {'B' if self.resonators else 'A'}, "
-            f"speed {listed(self.speed_rms_deg_s)} deg/s, "
-            f"correlation time {listed(self.correlation_time_s)} s, "
-            f"tracker noise {listed(self.tracker_noise_deg)} deg (pitch/yaw/roll)"
-            + "".join(
-                f", resonance of {listed(mode.speed_rms_deg_s)} deg/s at "
-                f"{listed(mode.frequency_hz)} Hz"
-                for mode in self.resonators
-            )
-        )
+        A gradient is made like a head, of arrays, and means something else.
+        """
+        if all(isinstance(leaf, float) for leaf in jax.tree.leaves(self)):
+            with contextlib.suppress(ValueError):
+                for part in (self, *self.resonators, *filter(None, (self.amplitude,))):
+                    part.__check_init__()
+                return presets.words(self)
+        is_number = lambda leaf: jnp.ndim(leaf) == 0 and not _checks.is_traced(leaf)
+        short = lambda leaf: float(f"{leaf:.3g}") if is_number(leaf) else leaf
+        return repr(jax.tree.map(short, self))
 
     @property
     def person_power(self) -> Scalar:

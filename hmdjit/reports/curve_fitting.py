@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from .._version import __version__
 from ..curve_fitting.results import (
@@ -41,7 +40,7 @@ def kim_numbers(fit: CurveFit) -> list[float | None]:
     ]
 
 
-def numbers_table(fit: CurveFit) -> Table:
+def numbers_table(fit: CurveFit) -> tables.Continued:
     """Lay out the fitted numbers, how sure they are, and Kim et al.'s."""
     columns = {
         "parameter": tables.WORDS,
@@ -56,7 +55,7 @@ def numbers_table(fit: CurveFit) -> Table:
     return tables.table(columns, zip(fit.space.names, *numbers, strict=True))
 
 
-def kept_table(kept: Mapping[str, Kept]) -> Table:
+def kept_table(kept: Mapping[str, Kept]) -> tables.Continued:
     """Lay out what each technique keeps of flicker and of detail."""
     interval = tables.INTERVAL
     columns = {

@@ -5,41 +5,37 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich import box
-from rich.table import Table
-
 from .._files import written_atomically
 from ..envelope.engine import DIGITS, Measurement
+from . import tables
 
 
-def table(rows: Sequence[Measurement], width: int = 80) -> Table:
+def table(rows: Sequence[Measurement], width: int = 80) -> tables.Continued:
     """Lay out rows: what was asked, the largest errors, and whether bounds hold.
 
     **Arguments:** `width`: of the terminal, characters: narrow ones get no ranges.
     """
-    found = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    is_wide = width >= 120
-    found.add_column("function", overflow="fold")
-    if is_wide:
-        found.add_column("range")
-    found.add_column("dtype", no_wrap=True)
-    for name in ("error", "bound", "slope,\neps", "bound"):
-        found.add_column(name, justify="right", no_wrap=True)
-    found.add_column("holds", no_wrap=True)
-    last = ""
+    columns = {"function": tables.WORDS}
+    if width >= 120:
+        columns["range"] = tables.WORDS
+    columns["dtype"] = tables.WORDS
+    numbers = ("error", "bound", "slope,\neps", "slope's\nbound", "holds")
+    columns |= dict.fromkeys(numbers, tables.READY)
+    laid_out, last = [], ""
     for row in rows:
-        is_same = row.name == last
-        last = row.name
-        found.add_row(
-            "" if is_same else row.name,
-            *["" if is_same else row.over] * is_wide,
-            row.dtype,
-            f"{row.error:.2g} {row.unit}",
-            *(number(x) for x in (row.bound, row.gradient, row.gradient_bound)),
-            "yes" if row.holds else "NO",
-            style="" if row.holds else "bold",
+        is_same, last = row.name == last, row.name
+        shared = (row.name, row.over)[: len(columns) - 6]
+        laid_out.append(
+            (
+                *(("",) * len(shared) if is_same else shared),
+                row.dtype,
+                f"{row.error:.2g} {row.unit}",
+                *(number(x) for x in (row.bound, row.gradient, row.gradient_bound)),
+                "yes" if row.holds else "NO",
+            )
         )
-    return found
+    bold = [not row.holds for row in rows]
+    return tables.table(columns, laid_out, bold=bold, fold=True)
 
 
 def number(value: float) -> str:

@@ -15,6 +15,7 @@ from ..head_fitting.fitting import Fit
 from ..head_fitting.statistics import SPECTRUM_BINS, WANDER_S, Description, Goodness
 from ..head_motion import Trace
 from ..head_motion.parameters import AXES
+from ..studies.identity import counted
 from . import tables
 from .tables import READY, WORDS
 
@@ -64,7 +65,9 @@ def print_fit(console: Console, fit: Fit) -> None:
             f"{number:.{places}f}" for number in (value, error, low, high)
         )
         rows.append((name, axis, value, error, f"[{low}, {high}]"))
-    console.print(tables.table({"number": WORDS, "axis": WORDS, **columns}, rows))
+    console.print(
+        tables.table({"number": WORDS, "axis": WORDS, **columns}, rows, fold=True)
+    )
     console.print(
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
         "or at a bound of its search."
@@ -89,7 +92,7 @@ def _numbers(table: Any, place: str = "", axis: str = "") -> Iterator[tuple]:
 
 def _order(fit: Fit) -> str:
     order = len(fit.head.resonators)
-    modes = f"{order} resonance{'s' * (order != 1)} per axis"
+    modes = f"{counted(order, 'resonance')} per axis"
     if not fit.held_out_deviance:
         return f"Order {order}, as given: {modes}."
     scores = ", ".join(f"{k}: {v:.4f}" for k, v in fit.held_out_deviance.items())

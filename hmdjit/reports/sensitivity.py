@@ -1,13 +1,12 @@
 """Sensitivities in words: the table that a terminal shows."""
 
-from rich.table import Table
 from rich.text import Text
 
 from ..sensitivity.sensitivity import Sensitivities
 from . import tables
 
 
-def table(found: Sensitivities) -> Table:
+def table(found: Sensitivities) -> tables.Continued:
     """Lay out one row per parameter; bold where the sign is sure."""
     rows = found.rows()
     columns = {

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console, Group
-from rich.table import Table
 from rich.text import Text
 
 from ..estimates.intervals import MIN_BASELINE_MTCD, NO_FLICKER, Z95
@@ -26,9 +24,11 @@ from ..studies.identity import footer, metric_ids
 from .tables import (
     READY,
     WORDS,
+    Continued,
+    Say,
     decimals,
     number,
-    plain,
+    spelling,
     table,
     with_error,
     with_errors,
@@ -57,7 +57,7 @@ def print_table(
 ) -> None:
     """Print a study's tables: techniques over all scenes, then ratios per scene.
 
-    More techniques than the terminal is wide are continued in a further table.
+    What the terminal is too narrow for is continued in further tables.
 
     **Arguments:** `rows`: `summarize` of the dataset, if at hand; `console`: by default
     the terminal.
@@ -66,31 +66,24 @@ def print_table(
     """
     console = Console() if console is None else console
     rows = summarize(dataset) if rows is None else rows
-    width, utf = console.width, console.encoding.lower().startswith("utf")
+    width, say = console.width, spelling(console)
     baseline = str(dataset.attrs["baseline"])
     cells = {(row.technique, row.scene): row for row in rows}
     techniques = [str(t) for t in dataset["technique"].values]
     scenes = [str(s) for s in dataset["scene"].values]
     others = metric_ids(dataset)[1:]
     title = " and detail" * ("detail_loss" in others) + ", mean over scenes"
-    say = str if utf else plain
     pooled = [cells[t, POOLED] for t in techniques]
-    parts: list[Text | Table] = [
+    parts: list[Text | Continued] = [
         Text(f"Flicker{title}", style="bold"),
-        _pooled_table(pooled, baseline, others, width, utf),
+        _pooled_table(pooled, baseline, others, width, say),
     ]
     compared = [t for t in techniques if t != baseline]
     if compared and len(scenes) > 1:
         title = f"\nMTCD as a share of {baseline}'s, by scene"
         parts.append(Text(say(title), style="bold"))
         lines = [*scenes, POOLED, GEOMETRIC_MEAN]
-        room = width - max(map(len, lines)) - len(baseline) - 6
-        while compared:
-            widths = np.cumsum([max(len(t), 11) + 2 for t in compared])
-            fitting = max(1, int(np.searchsorted(widths, room, side="right")))
-            shown = [baseline, *compared[:fitting]]
-            parts.append(_scene_table(cells, lines, shown, utf))
-            compared = compared[fitting:]
+        parts.append(_scene_table(cells, lines, [baseline, *compared], say))
     caption = _caption(dataset, rows)
     console.print(Group(*parts, Text(say(f"\n{caption}"), style="dim")))
 
@@ -100,8 +93,8 @@ def _pooled_table(
     baseline: str,
     others: Sequence[str],
     width: int,
-    utf: bool,
-) -> Table:
+    say: Say,
+) -> Continued:
     """Lay out the headline, its ratio to the baseline, and the means of all others."""
     halves = [_half(row.low, row.high) for row in rows]
     mean = decimals(halves)
@@ -127,7 +120,7 @@ def _pooled_table(
         zip(*columns.values(), strict=True),
         bold=[row.technique == baseline for row in rows],
         fold=True,
-        utf=utf,
+        say=say,
         padding=(0, width >= 90),
     )
 
@@ -145,8 +138,8 @@ def _scene_table(
     cells: dict[tuple[str, str], SummaryRow],
     lines: Sequence[str],
     techniques: Sequence[str],
-    utf: bool,
-) -> Table:
+    say: Say,
+) -> Continued:
     """Lay out ratios to the first technique, beside its own MTCD."""
     rows: list[Sequence | None] = []
     for line in lines:
@@ -158,7 +151,7 @@ def _scene_table(
         ]
         rows += [None] * (line == POOLED) + [(line, Text(shown, style="dim"), *errors)]
     columns = {"scene": WORDS, **dict.fromkeys(techniques, READY)}
-    return table(columns, rows, fold=True, no_wrap=False, utf=utf)
+    return table(columns, rows, fold=True, no_wrap=False, say=say)
 
 
 def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:

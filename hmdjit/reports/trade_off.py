@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 
-from rich.table import Table
 from rich.text import Text
 
 from ..estimates.intervals import Z95
@@ -12,7 +11,7 @@ from ..trade_off.trade_off import Row, front_of
 from . import tables
 
 
-def table(rows: Sequence[Row], seconds: float, width: int = 80) -> Table:
+def table(rows: Sequence[Row], seconds: float, width: int = 80) -> tables.Continued:
     """Lay out rows: what a setting costs, and how far off it is.
 
     **Arguments:** `seconds`: time at which total errors are compared; `width`: of the

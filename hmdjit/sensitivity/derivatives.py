@@ -117,7 +117,7 @@ def differentiate(
     for scene in scenes.values():
         if isinstance(scene, Texture):
             check_texture(scene, camera, Region.whole(camera))
-    measure = _largest_tile(camera) if measure is None else measure
+    measure = Tiles.fitting(camera, 1) if measure is None else measure
     block = measure.block_size(camera)
 
     techniques = [parameters.technique, parameters.baseline]
@@ -175,11 +175,6 @@ def differentiate(
             "that leaves the texture's margin does; bake with a larger margin_deg."
         )
     return SessionDerivatives(names, values, x[:, 0], y[:, 0], x[:, 1:], y[:, 1:])
-
-
-def _largest_tile(camera: Camera) -> Tiles:
-    common = np.gcd(camera.width_px, camera.height_px)
-    return Tiles(1, max(d for d in range(1, min(common, 64) + 1) if common % d == 0))
 
 
 def _named(parameters: Parameters) -> tuple[tuple[str, ...], np.ndarray]:

@@ -29,6 +29,7 @@ from ..estimates.intervals import (
 from ..frames.sources import Texture
 from ..head_motion import HeadMotion
 from ..scenes.base import AbstractScene
+from ..studies.identity import head_words
 from ..studies.measured_blocks import Measurement
 from ..studies.progress import Tell
 from ..techniques import NoAntialiasing
@@ -146,7 +147,8 @@ def sensitivities(
         f"{technique.id} over {(baseline or NoAntialiasing()).id}, "
         f"{', '.join(scenes)}; {sessions} sessions of {frames} frames after {warmup}, "
         f"seed {seed}; {camera.width_px} x {camera.height_px} px, "
-        f"{float(camera.fov_deg):g} deg, {float(camera.refresh_hz):g} Hz; head: {head}"
+        f"{float(camera.fov_deg):g} deg, {float(camera.refresh_hz):g} Hz; "
+        f"head: {head_words(head)}"
     )
     return dataclasses.replace(of_sessions(found), about=about)
 

@@ -35,11 +35,15 @@ class StudyDefinition(eqx.Module):
     sessions: int = 500
     frames: int = 10
     warmup: int = 12
-    measure: Measurement = eqx.field(default_factory=Tiles)
+    measure: Measurement = eqx.field(default=None)  # two tiles of the largest size
     baseline: str = "msaa4"
     oversampling: int = 2
     margin_deg: float = 6.0
     metrics: tuple[AbstractMetric, ...] = eqx.field(converter=tuple, default=STANDARD)
+
+    def __post_init__(self):
+        if self.measure is None:
+            self.measure = Tiles.fitting(self.camera)
 
     def __check_init__(self):
         if not self.scenes:

@@ -5,7 +5,6 @@ Files carry it as attributes, figures and tables say it in words.
 
 import dataclasses
 import platform
-import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,10 @@ import numpy as np
 from .. import camera as pinhole
 from .._version import __version__
 from ..camera import Camera
+from ..head_motion import HeadMotion, presets
 from ..techniques import SSAA
 from .definition import StudyDefinition
+from .sessions import Head
 from .store import fingerprint
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ def attributes(
         "frames": study.frames,
         "warmup": study.warmup,
         "measure": str(study.measure),
-        "head": str(study.head),
+        "head": head_words(study.head),
+        "head_model": model_words(study.head),
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "fov_deg": float(camera.fov_deg),
@@ -96,6 +98,27 @@ def metric_ids(dataset: "xarray.Dataset") -> list[str]:
     ]
 
 
+def made_by() -> str:
+    """Name the version and the model that numbers come from."""
+    return f"hmdjit {__version__}, model {MODEL_VERSION}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Say how many there are of something."""
+    return f"{number:,} {noun}" + "s" * (number != 1)
+
+
+def head_words(head: Head) -> str:
+    """Name a preset; say what another head is."""
+    is_model = isinstance(head, HeadMotion)
+    return (is_model and presets.name_of(head)) or model_words(head)
+
+
+def model_words(head: Head) -> str:
+    """Say what a head is, a preset too."""
+    return presets.words(head) if isinstance(head, HeadMotion) else str(head)
+
+
 def camera_words(known: Mapping[str, Any]) -> str:
     """Say a camera's resolution, field of view and refresh rate."""
     return (
@@ -115,7 +138,7 @@ def frames_words(known: Mapping[str, Any]) -> str:
 def footer(dataset: "xarray.Dataset") -> str:
     """Say what a picture or table of a study depends on, in a few sentences."""
     known, count = dataset.attrs, dataset.sizes["session"]
-    sessions = f"{count:,} session" + "s" * (count != 1)
+    sessions = counted(count, "session")
     if (
         "control_slope" in dataset
     ):  # a study with a goal runs as many as each scene needs
@@ -126,7 +149,7 @@ def footer(dataset: "xarray.Dataset") -> str:
         f"{_number(known, 'px_per_deg_side')} at the side, "
         f"{_number(known, 'px_per_deg_mean')} on average; "
         f"{known.get('measure', 'unknown part')} measured. "
-        f"Head: {textwrap.shorten(str(known.get('head', 'unknown')), 90)}. "
+        f"Head: {known.get('head', 'unknown')}. "
         f"{sessions} of {frames_words(known)}; "
         f"hmdjit {known.get('hmdjit_version')}, model {known.get('model_version')}, "
         f"config {str(known.get('config_hash'))[:8]}."

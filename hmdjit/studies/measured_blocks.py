@@ -32,6 +32,25 @@ class Tiles(eqx.Module):
         _checks.whole("tiles count", self.count, 1)
         _checks.whole("tiles size_px", self.size_px, 1)
 
+    @classmethod
+    def fitting(cls, camera: Camera, count: int = 2, most_px: int = 64) -> "Tiles":
+        """Tiles of the largest size, up to 64 px, that the frame holds in a grid.
+
+        **Errors:** `ValueError` where so little of a larger frame says next to nothing:
+        below 4 px.
+        """
+        width, height = camera.width_px, camera.height_px
+        size_px = _largest_divisor(math.gcd(width, height), most_px)
+        if count > (width // size_px) * (height // size_px):
+            size_px = _largest_divisor(size_px, max(1, size_px // 2))
+        if size_px < 4 and max(width, height) > 64:
+            raise ValueError(
+                "tiles size_px must divide the camera frame, but no size of 4 to "
+                f"{most_px} px divides {width} x {height}: measure the whole frame, a "
+                f"central crop, or tiles of {size_px} px."
+            )
+        return cls(count, size_px)
+
     def __str__(self) -> str:
         tiles = "1 tile" if self.count == 1 else f"{self.count} tiles"
         return f"{tiles} of {self.size_px} x {self.size_px} px per session"
@@ -43,8 +62,7 @@ class Tiles(eqx.Module):
         """
         width, height = camera.width_px, camera.height_px
         if width % self.size_px or height % self.size_px:
-            common = math.gcd(width, height)
-            fit = max(d for d in range(1, min(common, 128) + 1) if common % d == 0)
+            fit = _largest_divisor(math.gcd(width, height), 128)
             raise ValueError(
                 f"tiles size_px must divide the camera frame {width} x {height}, got "
                 f"{self.size_px}; {fit} does."
@@ -125,6 +143,10 @@ class CentralCrop(eqx.Module):
 
 
 Measurement = Tiles | WholeFrame | CentralCrop
+
+
+def _largest_divisor(number: int, most: int) -> int:
+    return max(d for d in range(1, min(number, most) + 1) if number % d == 0)
 
 
 def _cells_along_z_curve(camera: Camera, size: int) -> Int[np.ndarray, "cells 2"]:

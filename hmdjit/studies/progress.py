@@ -7,11 +7,11 @@ from typing import NamedTuple
 class Progress(NamedTuple):
     """What is being done, sent before and after whatever takes long.
 
-    - `done`, `total`: of a study, simulated sessions, one for each scene and technique,
-      those found on disk included; of a trade-off, cases. A total of 0 is not known.
+    - `done`, `total`: of `unit`, those on disk included. A total of 0 is not known.
     - `doing`: in words.
     - `fresh`: those of them simulated in this call.
     - `line`: something to print and keep, as a plan.
+    - `unit`: of a study, a simulation is one session of one scene and technique.
     """
 
     done: int = 0
@@ -19,6 +19,7 @@ class Progress(NamedTuple):
     doing: str = ""
     fresh: int = 0
     line: str = ""
+    unit: str = "sessions"
 
 
 Tell = Callable[[Progress], None]

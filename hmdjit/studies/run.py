@@ -120,7 +120,7 @@ class Run:
         done = fresh = 0
 
         def tell(doing: str) -> None:
-            self.tell(Progress(done, ran.size, doing, fresh))
+            self.tell(Progress(done, ran.size, doing, fresh, unit="simulations"))
 
         for s, (name, scene) in enumerate(study.scenes.items()):
             tell(name)
@@ -171,7 +171,7 @@ class Run:
         for s, (name, scene) in enumerate(study.scenes.items()):
             start = time.perf_counter()
             left = begun + (goal.budget_s or 0.0) - start
-            self.tell(Progress(0, 1, f"baking {name}", 0))
+            self.tell(Progress(doing=f"baking {name}"))
             share = start + left / (len(study.scenes) - s)
             cell, plan = until.scene(name, self._bake(scene), start, share)
             found.append(cell)

@@ -115,7 +115,7 @@ class Until:
         """
         sampler, statistics = self._sampler, None
         if sampler.controls is not None:
-            sampler.tell(Progress(0, 1, f"{name}: statistics"))
+            sampler.tell(Progress(doing=f"{name}: statistics"))
             statistics = sampler.controls.statistics(texture)
         measure = SceneSampler(sampler, name, texture, statistics)
         plan, slope, share = self._plan(name, measure)

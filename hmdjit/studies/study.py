@@ -26,7 +26,8 @@ class Study(StudyDefinition):
     - `sessions`: at least 1; a replay has at most as many as windows.
     - `frames`: displayed frames that are measured, at least 2.
     - `warmup`: displayed frames before them, at least 0.
-    - `measure`: tiles (unbiased for the frame), the whole frame or a central crop.
+    - `measure`: tiles (unbiased for the frame), the whole frame or a central crop;
+      by default two tiles of 64 px, or the largest size below that divides the frame.
     - `baseline`: id of the technique that ratios refer to.
     - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
     - `margin_deg`: how far a head may turn from where it started.

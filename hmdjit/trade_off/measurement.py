@@ -72,7 +72,7 @@ def measure(
         chunk = cases[first : first + _AT_ONCE]
         bench.forget_textures_but({case.setting.texture() for case in cases[first:]})
         names = ", ".join(dict.fromkeys(case.setting.name for case in chunk))
-        progress(Progress(first, len(cases), f"compiling {names}"))
+        progress(Progress(first, len(cases), f"compiling {names}", unit="cases"))
         programs = [bench.program(case) for case in chunk]
         compiled = bench.compiled(programs)
         for done, (program, first_s) in enumerate(
@@ -80,7 +80,7 @@ def measure(
         ):
             case = program.case
             doing = f"timing {case.setting.name}: {case.technique.id}"
-            progress(Progress(done, len(cases), doing))
+            progress(Progress(done, len(cases), doing, unit="cases"))
             result, seconds = bench.timed(program)
             compile_s = max(0.0, first_s - seconds)
             bake_s = bench.bake_s(case.setting)
