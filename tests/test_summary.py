@@ -196,6 +196,15 @@ def test_dimensions_may_come_in_any_order():
     )
 
 
+@pytest.mark.parametrize("name", ["mtcd", "detail_loss"])
+def test_a_metric_over_other_axes_is_refused(name):
+    data = study(count=12)
+    for other in (data[name].expand_dims(eye=2), data[name][..., 0]):
+        message = f"{name} must be over technique, scene, session, got "
+        with pytest.raises(ValueError, match=message):
+            summarize(data.assign({name: other}))
+
+
 def test_a_missing_baseline_is_named_with_what_exists():
     data = study()
     data.attrs["baseline"] = "none"

@@ -52,7 +52,9 @@ def print_fit(console: Console, fit: Fit) -> None:
     columns = dict.fromkeys(("value", "std. error", "95 % interval"), READY)
     rows: list[tuple[str, ...]] = []
     parts = (fit.head, fit.standard_error, fit.low, fit.high)
-    of_parts = zip(*(_numbers(_toml.table(part)) for part in parts), strict=True)
+    tables_of = [_toml.table(part) for part in parts]
+    fit_error = tables_of[0].pop("fit_error")
+    of_parts = zip(*map(_numbers, tables_of), strict=True)
     for (name, axis, value), *others in of_parts:
         error, low, high = (number for _, _, number in others)
         name, axis = _named(name, axis)
@@ -67,7 +69,9 @@ def print_fit(console: Console, fit: Fit) -> None:
     console.print(tables.table({"number": WORDS, "axis": WORDS, **columns}, rows))
     console.print(
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
-        "or at a bound of its search."
+        "or at a bound of its search. The RMS rotation per frame is sure to ± "
+        f"{fit_error['rotation']:.1%} (a standard error), which intervals of studies "
+        "with this head hold."
     )
     console.print(_order(fit))
 

@@ -3,6 +3,8 @@
 Files carry it as attributes, figures and tables say it in words.
 """
 
+import dataclasses
+import math
 import platform
 import textwrap
 from collections.abc import Mapping
@@ -15,8 +17,10 @@ import numpy as np
 from .. import camera as pinhole
 from .._version import __version__
 from ..camera import Camera
+from ..head_motion import HeadMotion
 from ..techniques import SSAA
 from .definition import StudyDefinition
+from .sessions import Head
 
 if TYPE_CHECKING:
     import xarray
@@ -47,6 +51,7 @@ def attributes(
         "warmup": study.warmup,
         "measure": str(study.measure),
         "head": str(study.head),
+        **_head_fit(study.head),
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "fov_deg": float(camera.fov_deg),
@@ -63,6 +68,29 @@ def attributes(
         "jax_version": jax.__version__,
         "numpy_version": np.__version__,
     }
+
+
+def _head_fit(head: Head) -> dict[str, Any]:
+    """Say how sure a head model is: NaN where it is taken as known."""
+    if not isinstance(head, HeadMotion):
+        return {}
+    if head.fit_error is None:
+        return {"head_fit_error": math.nan}
+    fit = dataclasses.asdict(head.fit_error)
+    names = {"rotation": "error", "clusters": "clusters", "over": "over"}
+    return {f"head_fit_{name}": fit[field] for field, name in names.items()}
+
+
+def _head_words(known: Mapping[str, Any]) -> str:
+    error = known.get("head_fit_error")
+    if error is None:
+        return ""
+    if math.isnan(error):
+        return ", taken as known: intervals are given this head"
+    return (
+        f", fitted to {known['head_fit_over']}: how much it turns, ± {error:.1%}, is "
+        "in the intervals"
+    )
 
 
 def mean_px_per_deg(camera: Camera) -> float:
@@ -112,7 +140,8 @@ def footer(dataset: "xarray.Dataset") -> str:
         f"{_number(known, 'px_per_deg_side')} at the side, "
         f"{_number(known, 'px_per_deg_mean')} on average; "
         f"{known.get('measure', 'unknown part')} measured. "
-        f"Head: {textwrap.shorten(str(known.get('head', 'unknown')), 90)}. "
+        f"Head: {textwrap.shorten(str(known.get('head', 'unknown')), 90)}"
+        f"{_head_words(known)}. "
         f"{sessions} of {frames_words(known)}; "
         f"hmdjit {known.get('hmdjit_version')}, model {known.get('model_version')}, "
         f"config {str(known.get('config_hash'))[:8]}."
