@@ -17,10 +17,8 @@ fixed. Where recorded traces were replayed, the subject is the cluster.
   `(sum w)^2 / sum w^2` effective ones, with w windows each: as many as they are where
   all have equally many. At 40, 20, 10, 5 effective of 40 subjects, whose means differ
   by a coefficient of variation of 0.53, intervals of a mean cover 94, 94, 95, 98 %
-  (taken as 40: 94, 93, 92, 89), those of a ratio 96, 95, 97, 99 %. Fewer than 5
-  subjects cannot show how people differ: the interval is then over windows, and says
-  so.
-- A fitted head's own error is independent of the sessions (`with_head`).
+  (taken as 40: 94, 93, 91, 89), those of a ratio 96, 95, 97, 99 %. Fewer than 5 cannot
+  show how people differ: the interval is then over windows, and says so.
 - Influences of at most 1e-13 of the sessions themselves are rounding: no spread.
 
 **Source:** two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
@@ -96,8 +94,10 @@ def normal_interval(estimate: Estimate, z: float, method: str) -> Interval:
 def with_head(found: Interval, estimate: Estimate, clusters: int) -> Interval:
     """Add what the head's own fit may be off by, which no number of sessions lessens.
 
-    It is independent of the sessions: half-widths add as squares do, that of the fit by
-    Student's t.
+    It is independent of the sessions: half-widths add as squares do, its own by
+    Student's t. With heads fitted to 12 people 23 of 24 intervals of a mean covered, ±
+    0.46 where their replay had ± 0.47 (given the head 12, ± 0.19). Ratios also depend
+    on how smoothly heads turn, which is not in it: 18 covered, ± 0.014 for ± 0.019.
 
     **Arguments:** `clusters`: what the head was fitted to, subjects mostly.
     """

@@ -53,7 +53,7 @@ def print_fit(console: Console, fit: Fit) -> None:
     rows: list[tuple[str, ...]] = []
     parts = (fit.head, fit.standard_error, fit.low, fit.high)
     tables_of = [_toml.table(part) for part in parts]
-    fit_error = tables_of[0].pop("fit_error")
+    fit_error = tables_of[0].pop("fit_error", None)
     of_parts = zip(*map(_numbers, tables_of), strict=True)
     for (name, axis, value), *others in of_parts:
         error, low, high = (number for _, _, number in others)
@@ -69,10 +69,14 @@ def print_fit(console: Console, fit: Fit) -> None:
     console.print(tables.table({"number": WORDS, "axis": WORDS, **columns}, rows))
     console.print(
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
-        "or at a bound of its search. The RMS rotation per frame is sure to ± "
-        f"{fit_error['rotation']:.1%} (a standard error), which intervals of studies "
-        "with this head hold."
+        "or at a bound of its search."
     )
+    if fit_error is not None:
+        share = f"{100 * fit_error['rotation']:.1f} %"
+        console.print(
+            f"RMS rotation per frame: ± {share} (a standard error), which intervals "
+            "of a study with this head hold."
+        )
     console.print(_order(fit))
 
 

@@ -88,8 +88,8 @@ def _head_words(known: Mapping[str, Any]) -> str:
     if math.isnan(error):
         return ", taken as known: intervals are given this head"
     return (
-        f", fitted to {known['head_fit_over']}: how much it turns, ± {error:.1%}, is "
-        "in the intervals"
+        f", fitted to {known['head_fit_over']}: intervals hold how much it turns, ± "
+        f"{100 * error:.1f} %, but not how smoothly"
     )
 
 
