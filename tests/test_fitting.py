@@ -168,6 +168,7 @@ def test_a_fit_is_close_to_the_truth_by_its_own_errors(wander_fit):
 def test_a_fit_says_how_sure_its_rotation_is(wander_fit):
     error = wander_fit.head.fit_error
     assert (error.clusters, error.over) == (6, "6 subjects")
+    assert {part.fit_error for part in wander_fit[1:4]} == {None}
     # Six people who differ by 0.17: by 0.07, with 5 degrees of freedom to a third.
     assert 0.02 < error.rotation < 0.2
     rotation, truth = (

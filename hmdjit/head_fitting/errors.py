@@ -91,8 +91,8 @@ def estimate(
     # What is not identifiable moves no spectrum.
     influence = np.where(is_identifiable, influence, 0.0)
     rotation = _rotation_error(log_values, influence, rate_hz)
-    head = dataclasses.replace(head, fit_error=FitError(rotation, clusters, kind))
-    return head, errors, end(-quantile, person.low), end(quantile, person.high), kind
+    sure = dataclasses.replace(head, fit_error=FitError(rotation, clusters, kind))
+    return sure, errors, end(-quantile, person.low), end(quantile, person.high), kind
 
 
 def _rotation_error(
