@@ -46,6 +46,13 @@ def compiled_quickly():
     jax.config.update("jax_disable_most_optimizations", False)
 
 
+@pytest.fixture(autouse=True)
+def quick_tests_compile_quickly(request):
+    is_long = any(map(request.node.get_closest_marker, ("slow", "exhaustive")))
+    with contextlib.nullcontext() if is_long else compiled_quickly():
+        yield
+
+
 @pytest.fixture(scope="module")
 @compiled_quickly()
 def wander_traces():
@@ -53,7 +60,6 @@ def wander_traces():
 
 
 @functools.cache
-@compiled_quickly()
 def gaussian_traces(return_time_s):
     """Ten equal persons for 2 min without bursts: one program, whatever the spring."""
     head = eqx.tree_at(lambda h: (h.person_sd, h.amplitude), WANDER, (0.0, None))
@@ -139,9 +145,8 @@ def test_a_search_ends_close_to_the_truth(wander_traces):
     periodograms = Periodograms.of(fitting.still_data(wander_traces)[0], RATE_HZ)
     data = whittle.data_of(periodograms, 0)
     logits = whittle.start_logits(np.asarray(data.log_bounds), 0)[0]
-    with compiled_quickly():
-        start = whittle.Search(jnp.asarray(logits), jnp.zeros(6))
-        found = whittle.log_values(whittle.refine(start, data), data)
+    start = whittle.Search(jnp.asarray(logits), jnp.zeros(6))
+    found = whittle.log_values(whittle.refine(start, data), data)
     head = WANDER.speed_rms_deg_s, WANDER.correlation_time_s, WANDER.tracker_noise_deg
     truth = np.array(head, float)
     off = np.abs(np.asarray(found) - np.log(truth)).max(axis=1)
