@@ -86,6 +86,7 @@ FOLDERS = {
     ],
     "theory": [("picture_statistics",), ("prediction",), ("control_variates",)],
     "estimates": [
+        ("columns", "rows"),
         ("estimate",),
         ("intervals", "planning", "cells"),
         ("summary",),

@@ -183,7 +183,7 @@ def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypat
         "(--omit-failed) leaves them out."
     )
     assert cli.run([*study, "--omit-failed"]) == 0
-    assert "Failed sessions, left out: 1." in capsys.readouterr().out
+    assert "Failed sessions, left out: 1." in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_help_names_the_choice(capsys):

@@ -3,14 +3,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
+from hmdjit.estimates.cells import Cell
 from hmdjit.estimates.estimate import (
     MIN_BASELINE_MTCD,
     NO_FLICKER,
     Estimate,
     Resampling,
     centred,
+    control_variate,
     mean_of,
 )
 from hmdjit.estimates.intervals import (
@@ -73,6 +75,148 @@ def test_intervals_over_subjects_cover_the_population(rng):
     assert hits >= stats.binom.ppf(FALSE_ALARM, REPLICATIONS, 0.93)
     # Windows of one person are alike: taken as independent, they promise too much.
     assert hits_over_windows < 0.75 * REPLICATIONS
+
+
+def unequal(subjects, effective):
+    """Subject of each of some 400 sessions: lognormal shares, so many effective."""
+    z = stats.norm.ppf((np.arange(subjects) + 0.5) / subjects)
+    share = lambda sd: np.exp(sd * z) / np.exp(sd * z).sum()
+    sd = optimize.brentq(lambda sd: 1 / np.sum(share(sd) ** 2) - effective, 0, 9)
+    windows = np.maximum(1, np.round(400 * share(sd))).astype(int)
+    return np.repeat(np.arange(subjects), windows)
+
+
+@pytest.mark.parametrize("sets", [200, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["mean", "ratio"])
+def test_unequal_subjects_count_as_the_effective_ones(rng, kind, sets):
+    # As 40 people, 10 effective ones of 40 covered with 91 %, a ratio with 94 %.
+    subject, hits = unequal(40, 10), 0
+    y = np.ones(len(subject))
+    for _ in range(sets):
+        person = np.exp(0.5 * rng.standard_normal(40) - 0.125)[subject]
+        own = np.exp(0.1 * rng.standard_normal((2, len(subject))) - 0.005)
+        x, y = person * own
+        if kind == "mean":
+            hits += covers(mean_interval(y, subject), 1.0)
+        else:
+            x *= np.exp(0.1 * rng.standard_normal(40) - 0.005)[subject]
+            hits += covers(ratio_interval(x, y, subject), 1.0)
+    # 91 % of 2,000 would pass in 5e-6 of such tests; 200 tell what is far off.
+    assert hits >= stats.binom.ppf(FALSE_ALARM, sets, 0.95)
+    found = mean_interval(y * np.arange(len(y)), subject)
+    assert found.method.endswith("of 40 subjects (10.2 effective), both resampled")
+
+
+@pytest.mark.parametrize("others", [1, 4, 39])
+def test_one_subject_with_nearly_all_windows_says_little(rng, others):
+    subject = np.concatenate([np.zeros(500, int), 1 + np.arange(max(others, 4))])
+    found = mean_interval(np.exp(rng.standard_normal(len(subject))), subject)
+    assert found.low < found.value < found.high
+    assert "effective" in found.method
+
+
+def test_subjects_with_equally_many_windows_are_all_effective(rng):
+    found = mean_interval(rng.random(60), np.arange(60) % 12)
+    assert found.method == "bootstrap, 60 sessions of 12 subjects, both resampled"
+
+
+@pytest.mark.parametrize(
+    ("windows", "units"), [((5,) * 12, 12), ((1, 1, 1, 2, 5), 3.125)]
+)
+def test_levels_are_those_of_the_effective_subjects(windows, units):
+    subject = np.repeat(np.arange(len(windows)), windows)
+    values = np.random.default_rng(3).random(2000)
+    sample = Resampling(np.ones(len(subject), bool), subject, lambda weights: values)
+    found = interval_of(Estimate(1.0, (np.ones(len(subject)),), 10, 1.0, sample))
+    width = math.sqrt(units / (units - 1)) * stats.t.ppf(0.975, units - 1)
+    ends = np.quantile(values, stats.norm.cdf([-width, width]))
+    np.testing.assert_allclose([found.low, found.high], ends, rtol=1e-12)
+
+
+# --- tables and masks ---
+
+TABLE = np.arange(1.0, 13.0).reshape(4, 3)
+TWO_AXES = r"must have one axis \(session\), got an array of shape \(4, 3\)"
+
+
+@pytest.mark.parametrize(
+    "door",
+    [
+        lambda x: mean_of(x),
+        lambda x: mean_interval(x),
+        lambda x: mean_interval(x, np.arange(12) % 6),
+        lambda x: ratio_interval(x, x),
+        lambda x: log_ratio_derivative_interval(x, x, x, x),
+        lambda x: control_variate(x, x, x[0], 0.5),
+        lambda x: control_variate(x, x, x[0], 0.0),
+    ],
+)
+def test_a_table_is_no_row_of_sessions(untyped, door):
+    # It was taken as so many independent sessions: 95 % intervals covered with 40 %.
+    for table in (TABLE, TABLE.tolist(), np.ma.masked_greater(TABLE, 5)):
+        with pytest.raises(ValueError, match=TWO_AXES):
+            door(
+                np.ma.asarray(table) if isinstance(table, np.ma.MaskedArray) else table
+            )
+
+
+@pytest.mark.parametrize(
+    ("door", "message"),
+    [
+        (lambda: mean_of(np.array(3.0)), r"one axis \(session\), got .* shape \(\)"),
+        (lambda: mean_of(np.ones(3) + 1j), "real numbers, got complex128"),
+        (lambda: mean_of(np.ones(3), np.arange(4)), r"each of 3 sessions, .*\(4,\)"),
+        (lambda: mean_of(np.ones(3), np.ones((3, 1))), r"of 3 sessions, .*\(3, 1\)"),
+        (
+            lambda: mean_of(np.ones(3), np.array([0, np.nan, 1])),
+            "clusters must name one of each session, 1 have none",
+        ),
+        (
+            lambda: mean_of(np.ones(3), np.ma.masked_greater([0, 1, 2], 0)),
+            "clusters must name one of each session, 2 have none",
+        ),
+        (
+            lambda: control_variate(TABLE[0], TABLE[1], TABLE, 0.5),
+            r"paths must have one axis \(path\), got an array of shape \(4, 3\)",
+        ),
+        (
+            lambda: geometric_mean_ratio(TABLE[0], TABLE[0]),
+            r"2 axes \(scene, session\), got an array of shape \(3,\)",
+        ),
+        (
+            lambda: geometric_mean_ratio(TABLE, TABLE[:2]),
+            r"one shape, got \(4, 3\) and \(2, 3\)",
+        ),
+        (
+            lambda: Cell.plain(TABLE),
+            r"3 axes \(metric, technique, session\), got .*\(4, 3\)",
+        ),
+    ],
+)
+def test_other_axes_are_refused_by_name(untyped, door, message):
+    with pytest.raises(ValueError, match=message):
+        door()
+
+
+def test_what_a_mask_hides_is_a_session_that_failed(rng, untyped):
+    # It was read under the mask.
+    x, y = sessions(rng, 60)
+    hidden = np.isin(np.arange(60), [3, 7])
+    masked, holes = np.ma.array(x, mask=hidden), np.where(hidden, np.nan, x)
+    for of in (
+        mean_interval,
+        lambda x, **how: mean_interval(x, np.arange(60) % 6, **how),
+        lambda x, **how: ratio_interval(x, y, **how),
+        lambda x, **how: log_ratio_derivative_interval(x, y, x, y, **how),
+        lambda x, **how: geometric_mean_ratio(np.ma.stack([x]), y[None], **how),
+    ):
+        assert of(masked, nan_policy="omit") == of(holes, nan_policy="omit")
+        assert of(masked).method == "not finite in 2 of 60 sessions"
+    whole = np.ma.array(np.arange(60), mask=hidden)
+    assert mean_of(whole, nan_policy="omit").value == np.arange(60)[~hidden].mean()
+    assert mean_interval(np.ma.array(x, mask=False)) == mean_interval(x)
+    assert control_variate(x, y, masked, 0.5).reason == "not finite in 2 of 60 sessions"
+    np.testing.assert_array_equal(centred(masked)[1][hidden], 0)
 
 
 def test_mean_interval_by_hand():

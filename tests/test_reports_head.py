@@ -1,3 +1,4 @@
+import dataclasses
 import io
 from typing import Any
 
@@ -15,7 +16,7 @@ from hmdjit.figures.drawing import save
 from hmdjit.head_fitting import spectra, statistics
 from hmdjit.head_fitting.fitting import Fit
 from hmdjit.head_motion import Amplitude, Resonator, presets
-from hmdjit.head_motion.parameters import AXES
+from hmdjit.head_motion.parameters import AXES, FitError
 from hmdjit.reports import head as head_report
 
 RATE_HZ = 30.0
@@ -69,6 +70,7 @@ def fit(**others):
     )
     scores = {0: 0.3, 1: 0.21, 2: 0.2}
     amounts = (11, 195, 454.0, 460.0, 90.0)
+    head = dataclasses.replace(head, fit_error=FitError(0.0625, 11, "11 subjects"))
     made = Fit(head, error, low, high, "11 subjects", scores, *amounts)
     return made._replace(**others)
 
@@ -93,6 +95,7 @@ def test_a_fit_is_tabled_with_all_its_numbers_errors_and_intervals():
     assert numbers[1].split()[0] == "yaw"
     text = " ".join(" ".join(lines).split())
     assert "Errors and intervals are over 11 subjects." in text
+    assert "RMS rotation per frame: ± 6.2 % (a standard error)" in text
     assert "Order 2: 2 resonances per axis" in text
     assert "held-out data by order: 0: 0.3000, 1: 0.2100, 2: 0.2000." in text
 

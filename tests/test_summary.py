@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import xarray
+from scipy import stats
 
 from hmdjit.estimates.estimate import combined, control_variate, pairing_gain, ratio
 from hmdjit.estimates.intervals import ratio_interval
@@ -196,6 +197,15 @@ def test_dimensions_may_come_in_any_order():
     )
 
 
+@pytest.mark.parametrize("name", ["mtcd", "detail_loss"])
+def test_a_metric_over_other_axes_is_refused(name):
+    data = study(count=12)
+    for other in (data[name].expand_dims(eye=2), data[name][..., 0]):
+        message = f"{name} must be over technique, scene, session, got "
+        with pytest.raises(ValueError, match=message):
+            summarize(data.assign({name: other}))
+
+
 def test_a_missing_baseline_is_named_with_what_exists():
     data = study()
     data.attrs["baseline"] = "none"
@@ -247,6 +257,83 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
         write_csv(rows, path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+# --- the head's own error ---
+
+
+def fitted(data, error=0.06, clusters=12):
+    """The study, of a head that people were fitted to: 0.06 of what it turns."""
+    level = data["mtcd"].sel(technique="msaa4", scene="text").values
+    about = {"head_fit_error": error, "head_fit_over": f"{clusters} subjects"}
+    about["head_fit_clusters"] = clusters
+    return data.assign(rotation_deg=("session", 0.003 * level)).assign_attrs(about)
+
+
+@pytest.mark.parametrize("count", [20, 80])
+def test_intervals_hold_how_unsure_a_fitted_head_is(count):
+    # Theirs was the spread of sessions alone, a third of what a replay says.
+    given = by_cell(summarize(study(count)))
+    found = by_cell(summarize(fitted(study(count))))
+    t = stats.t.ppf(0.975, 11)
+    for scene in ("text", "all"):
+        row, alone = found["msaa4", scene], given["msaa4", scene]
+        # Flicker is in proportion to rotation: 0.06 of it, to the sessions' own spread.
+        step = 0.06 * row.mean
+        assert row.mean == alone.mean
+        rel = 1e-9 if scene == "text" else 0.05
+        error = math.hypot(alone.standard_error, step)
+        assert row.standard_error == pytest.approx(error, rel=rel)
+        for end, other in ((row.low, alone.low), (row.high, alone.high)):
+            half = math.hypot(other - row.mean, t * step)
+            assert abs(end - row.mean) == pytest.approx(half, rel=rel)
+        assert row.interval == f"{alone.interval}, head of 12 subjects"
+    # More sessions do not lessen it.
+    assert row.high - row.low > 2 * t * step
+    # A ratio hardly moves, what does not flicker and the baseline's not at all.
+    row, alone = found["head_movement", "all"], given["head_movement", "all"]
+    widened = (row.ratio_high - row.ratio_low) / (alone.ratio_high - alone.ratio_low)
+    assert 1 <= widened < 1.3
+    frozen = found["freeze", "text"]
+    assert (frozen.low, frozen.high, frozen.ratio_low, frozen.ratio_high) == (0,) * 4
+    one = found["msaa4", "geometric mean"]
+    assert (one.ratio_low, one.ratio_high) == (1, 1)
+
+
+def test_what_holds_with_a_ratio_holds_with_their_geometric_mean():
+    data = study(scenes=["text"])
+    data["mtcd"][1] **= 1.5  # else the ratio does not depend on how much heads turn
+    cells = by_cell(summarize(fitted(data, error=0.2)))
+    one, mean = cells["head_movement", "text"], cells["head_movement", "geometric mean"]
+    # The one is symmetric, the other in proportion.
+    half = math.sqrt((mean.ratio_high - one.ratio) * (one.ratio - mean.ratio_low))
+    assert half == pytest.approx((one.ratio_high - one.ratio_low) / 2, rel=0.02)
+    known = by_cell(summarize(data))["head_movement", "text"]
+    assert one.ratio_high - one.ratio_low > 1.5 * (known.ratio_high - known.ratio_low)
+
+
+def test_intervals_of_a_head_that_is_taken_as_known_say_so():
+    expected = by_cell(summarize(study()))["msaa4", "all"]
+    row = by_cell(summarize(fitted(study(), error=math.nan)))["msaa4", "all"]
+    assert row.interval == f"{expected.interval}, given the head"
+    as_before = dataclasses.replace(row, interval=expected.interval)
+    assert str(as_before) == str(expected)
+    single = by_cell(summarize(fitted(study(count=1))))["msaa4", "all"]
+    assert math.isnan(single.low)
+    still = by_cell(summarize(fitted(study())))["msaa4", "uniform"]
+    assert still.note == "no flicker to remove"
+
+
+def test_a_goal_holds_a_fitted_head_too():
+    given, found = (
+        by_cell(summarize(data))["msaa4", "text"]
+        for data in (with_goal(), fitted(with_goal()))
+    )
+    half = math.hypot(given.high - given.mean, stats.t.ppf(0.975, 11) * 0.06 * 7)
+    # The rotation follows the flicker of some sessions only: the mean of these.
+    assert found.high - found.mean == pytest.approx(half, rel=0.2)
+    assert found.figure_of_merit == given.figure_of_merit  # of sessions
+    assert found.interval == f"{given.interval}, head of 12 subjects"
 
 
 # --- metrics ---

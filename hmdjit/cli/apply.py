@@ -44,7 +44,6 @@ _HEADERS = {
     "mtcd_8_bit_ratio": "8-bit ratio",
     "detail_loss": "detail loss",
 }
-_TABLE_WIDTH = 76
 _CAPTION = (
     "MTCD in code values, of what is displayed, unquantised; 8-bit MTCD of the PNGs "
     "that it is rounded to."
@@ -246,9 +245,7 @@ class ApplyCommand(PoseLog):
         ]
         header = {"technique": tables.WORDS}
         header |= {_HEADERS[key]: tables.READY for key in rows[_FRAMES]}
-        utf = console.encoding.lower().startswith("utf")
-        table = tables.table(header, lines, utf=utf)
-        console.print(table, width=max(console.width, _TABLE_WIDTH), crop=False)
+        console.print(tables.table(header, lines, say=tables.spelling(console)))
         loss = f" Detail loss: mean squared error to {self.reference}."
         console.out(_CAPTION + (loss if self.reference is not None else ""))
         if self.warmup:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Integer, Shaped
 
+from .columns import centred, labels, numbers
 from .estimate import Estimate, NanPolicy, control_variate, mean_of
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ class Cell:
     - `between_session_share`: of the variance; the rest is the tiles'.
     - `count`: sessions that were simulated; beyond them `measured` is NaN.
     - `clusters`: subject of each session, or None if every session is a new person.
+    - `rotation`: RMS rotation per frame of each session, in any unit; None is unknown.
+    - `head_error`: relative standard error of it, of the head's fit.
     """
 
     measured: Float[np.ndarray, "metric technique session"]
@@ -32,6 +35,9 @@ class Cell:
     between_session_share: Float[np.ndarray, " technique"]
     count: Integer[np.ndarray, " technique"]
     clusters: Shaped[np.ndarray, " session"] | None = None
+    _: dataclasses.KW_ONLY
+    rotation: Float[np.ndarray, " session"] | None = None
+    head_error: float = 0.0
 
     @classmethod
     def plain(
@@ -40,6 +46,8 @@ class Cell:
         clusters: Shaped[np.ndarray, " session"] | None = None,
     ) -> "Cell":
         """Whole sessions without control variates; none yet where there are none."""
+        axes = ("metric", "technique", "session")
+        measured = numbers("measured", measured, axes)
         _, techniques, count = measured.shape
         zero, one = np.zeros(techniques), np.ones(techniques)
         none, paths = np.zeros((techniques, count)), np.zeros((techniques, 0))
@@ -78,37 +86,62 @@ class Cell:
         slope, paths = float(self.slope[technique]), self.paths[technique]
         if metric or slope == 0:
             clusters = None if self.clusters is None else self.clusters[simulated]
-            return mean_of(values, clusters, nan_policy=nan_policy)
-        predicted, paths = (
-            self.predicted[technique, simulated],
-            paths[np.isfinite(paths)],
-        )
-        return control_variate(values, predicted, paths, slope, nan_policy=nan_policy)
+            found = mean_of(values, clusters, nan_policy=nan_policy)
+        else:
+            y, t = values, self.predicted[technique, simulated]
+            paths = paths[np.isfinite(paths)]
+            found = control_variate(y, t, paths, slope, nan_policy=nan_policy)
+        return dataclasses.replace(found, by_head=self._by_head(values))
+
+    def _by_head(self, values: Float[np.ndarray, " session"]) -> float:
+        """Return what a standard error of the head's fit moves a mean by.
+
+        Sessions flicker in proportion to how much their heads turn, and some constant:
+        a head that turns more by a share of its mean is further along that line.
+        """
+        if not self.head_error or self.rotation is None:
+            return 0.0
+        rotation = self.rotation[: len(values)]
+        known = np.isfinite(values)
+        mean, rest = centred(rotation[known])
+        variance = float(rest @ rest)
+        slope = float(rest @ values[known]) / variance if variance else 0.0
+        return slope * float(mean) * self.head_error
 
 
 def cells_of(dataset: "xarray.Dataset", metrics: Sequence[str]) -> list[Cell]:
-    """Cells of a study's scenes."""
+    """Cells of a study's scenes.
 
-    def of(name: str) -> np.ndarray:
-        return dataset[name].transpose("technique", "scene", ...).values
+    **Errors:** `ValueError` for metrics over other axes.
+    """
 
-    measured = np.stack([of(metric).astype(float) for metric in metrics])
+    def of(name: str, *axis: str) -> np.ndarray:
+        axes = ("technique", "scene", *axis)
+        if set(dataset[name].dims) != set(axes):
+            dims = ", ".join(map(str, dataset[name].dims))
+            raise ValueError(f"{name} must be over {', '.join(axes)}, got {dims}.")
+        return dataset[name].transpose(*axes).values.astype(float)
+
+    measured = np.stack([of(metric, "session") for metric in metrics])
     clusters = None
     if "subject" in dataset.coords:
-        clusters = dataset["subject"].values.astype(str)
-    if "control_slope" not in dataset:
-        scenes = range(measured.shape[2])
-        return [Cell.plain(measured[:, :, s], clusters) for s in scenes]
-    names = (
-        "predicted",
-        "predicted_extra_paths",
-        "control_slope",
-        "between_session_share",
-    )
-    columns = [of(name).astype(float) for name in names]
-    return [
-        Cell(
-            measured[:, :, s], *(x[:, s] for x in (*columns, of("simulated_sessions")))
-        )
-        for s in range(measured.shape[2])
-    ]
+        clusters = labels("subject", dataset["subject"].values, measured.shape[-1])
+        clusters = clusters.astype(str)
+    known = dataset.get("rotation_deg")
+    rotation = None if known is None else known.values.astype(float)
+    head_error = float(np.nan_to_num(dataset.attrs.get("head_fit_error", 0.0)))
+    scenes = range(measured.shape[2])
+    if "control_slope" in dataset:
+        columns = [
+            of("predicted", "session"),
+            of("predicted_extra_paths", "extra_path"),
+            of("control_slope"),
+            of("between_session_share"),
+            of("simulated_sessions").astype(int),
+        ]
+        cells = [Cell(measured[:, :, s], *(x[:, s] for x in columns)) for s in scenes]
+    else:
+        cells = [Cell.plain(measured[:, :, s], clusters) for s in scenes]
+    for cell in cells:
+        cell.rotation, cell.head_error = rotation, head_error
+    return cells

@@ -28,9 +28,10 @@ from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float
 
 from .. import _checks
+from .columns import Paths, Sessions, Subjects, centred, labels, numbers
 
 MIN_BASELINE_MTCD = 0.05
 """Code values; a ratio to a baseline that flickers no more than this says nothing."""
@@ -48,10 +49,7 @@ SciPy's words; here infinite ones count as well.
 
 _ROUNDING = 1e-13  # of a standard error: what pairing leaves of it is no spread
 
-Sessions = Float[np.ndarray, " session"]
-Paths = Float[np.ndarray, " path"]
 Influences = Float[np.ndarray, "..."]
-Subjects = Shaped[np.ndarray, " session"]
 Weights = Float[np.ndarray, "session replicate"]
 Replicates = Float[np.ndarray, " replicate"]
 
@@ -78,6 +76,7 @@ class Estimate:
     - `count`: sessions that it is made of; of a part's, if parts have their own.
     - `size`: of the terms that influences are differences of, which round by it.
     - `resampling`: of the sessions, where there is no other sample.
+    - `by_head`: what a standard error of the head's fit adds, beside all sessions.
     """
 
     value: float
@@ -86,10 +85,11 @@ class Estimate:
     size: float = 0.0
     resampling: Resampling | None = None
     reason: str = ""
+    by_head: float = 0.0
 
     @property
     def standard_error(self) -> float:
-        """Root of the sum of squared influences."""
+        """Root of the sum of squared influences: of the sessions, given the head."""
         if self.reason:
             return math.nan
         return math.sqrt(sum(float(np.sum(i**2)) for i in self.influences))
@@ -98,23 +98,6 @@ class Estimate:
 def none(reason: str) -> Estimate:
     """Return what stands for an estimate that cannot be made."""
     return Estimate(math.nan, reason=reason)
-
-
-def centred(
-    x: Float[np.ndarray, "*rows session"],
-) -> tuple[Float[np.ndarray, "*rows"], Float[np.ndarray, "*rows session"]]:
-    """Mean of the finite sessions, and how far each is from it: 0 of the others.
-
-    Both are right to rounding however far the spread lies below the mean: equal
-    sessions have exactly their mean. Of no session it is 0.
-    """
-    known = np.isfinite(x)
-    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
-    over = lambda values: np.where(known, values, 0.0).sum(-1, keepdims=True) / count
-    mean = over(x)
-    mean = mean + over(x - mean)  # what a sum of large numbers had lost
-    rest = x - mean  # exact where they are close
-    return mean[..., 0], np.where(known, rest - over(rest), 0.0)
 
 
 def mean_of(
@@ -130,15 +113,20 @@ def mean_of(
 
     **Arguments:**
 
-    - `values`: one per session.
+    - `values`: one per session, along one axis; what a mask hides is not finite.
     - `clusters`: subject of each session, or None if every session is a new person.
     - `nan_policy`: sessions that are not finite make all NaN, or are left out: they
       then keep their place, with no influence.
     - `drawn`: the sessions that were drawn, if more than those that are finite: the
       mean is then one sum over another, to which some sessions add 0.
+
+    **Errors:** `ValueError` for a table of other axes, and for clusters that do not
+    name a subject of each session.
     """
     _checks.one_of("nan_policy", nan_policy, get_args(NanPolicy))
-    values = np.asarray(values, float)
+    values = numbers("sessions", values)
+    if clusters is not None:
+        clusters = labels("clusters", clusters, values.size)
     known = np.isfinite(values)
     count, missing = int(known.sum()), int(np.sum(~known))
     if missing and nan_policy == "propagate":
@@ -168,7 +156,7 @@ def paired_means(
 
     **Arguments:** as of `mean_of`.
     """
-    data = [np.asarray(row, float) for row in rows]
+    data = [numbers("sessions", row) for row in rows]
     if len({row.shape for row in data}) > 1:
         shapes = " and ".join(str(row.shape) for row in data)
         raise ValueError(f"sessions must have one shape, got {shapes}.")
@@ -196,13 +184,14 @@ def control_variate(
       of heads whose sessions are left out stay in: what the slope tells of them, the
       mean still has.
     """
+    paths = numbers("paths", paths, ("path",))
     if slope == 0 or len(paths) == 0:
         return mean_of(simulated, nan_policy=nan_policy)
     # Influences are combined: sessions' own differences would lose a small spread.
     y, t = paired_means(simulated, predicted, nan_policy=nan_policy)
     here, there = combined([1.0, -slope], [y, t]), mean_of(paths)
-    if here.reason:
-        return here
+    if here.reason or there.reason:
+        return here if here.reason else there
     value = y.value + slope * (there.value - t.value)
     influences = (*here.influences, slope * there.influences[0])
     return Estimate(value, influences, here.count)
@@ -241,6 +230,7 @@ def function_of(
         count,
         sum(abs(weight) * e.size for weight, e in terms),
         resampling,
+        by_head=sum(w * e.by_head for w, e in zip(gradient, estimates, strict=True)),
     )
 
 

@@ -13,8 +13,12 @@ fixed. Where recorded traces were replayed, the subject is the cluster.
   94 %; plain percentiles and BCa cover 6 to 8 points less at 4 to 8 sessions, the basic
   bootstrap 8 to 12 less, and BCa at the same levels no more.
 - With clusters, subjects are resampled and then each one's windows: slightly wide,
-  since the second stage repeats what the first already shows. Fewer than 5 subjects
-  cannot show how people differ: the interval is then over windows, and says so.
+  since the second stage repeats what the first already shows. They count as
+  `(sum w)^2 / sum w^2` effective ones, with w windows each: as many as they are where
+  all have equally many. At 40, 20, 10, 5 effective of 40 subjects, whose means differ
+  by a coefficient of variation of 0.53, intervals of a mean cover 94, 94, 95, 98 %
+  (taken as 40: 94, 93, 91, 89), those of a ratio 96, 95, 97, 99 %. Fewer than 5 cannot
+  show how people differ: the interval is then over windows, and says so.
 - Influences of at most 1e-13 of the sessions themselves are rounding: no spread.
 
 **Source:** two-stage resampling: Davison and Hinkley, "Bootstrap Methods and their
@@ -31,6 +35,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from .columns import Sessions, Subjects, numbers
 from .estimate import (
     MIN_BASELINE_MTCD,
     NO_FLICKER,
@@ -38,8 +43,6 @@ from .estimate import (
     NOT_FINITE,
     Estimate,
     NanPolicy,
-    Sessions,
-    Subjects,
     combined,
     mean_logarithm,
     mean_of,
@@ -88,6 +91,26 @@ def normal_interval(estimate: Estimate, z: float, method: str) -> Interval:
     return Interval(value, value - step, value + step, error, estimate.reason or method)
 
 
+def with_head(found: Interval, estimate: Estimate, clusters: int) -> Interval:
+    """Add what the head's own fit may be off by, which no number of sessions lessens.
+
+    It is independent of the sessions: half-widths add as squares do, its own by
+    Student's t. With heads fitted to 12 people 23 of 24 intervals of a mean covered, ±
+    0.46 where their replay had ± 0.47 (given the head 12, ± 0.19). Ratios also depend
+    on how smoothly heads turn, which is not in it: 18 covered, ± 0.014 for ± 0.019.
+
+    **Arguments:** `clusters`: what the head was fitted to, subjects mostly.
+    """
+    error = abs(estimate.by_head)
+    reach = float(stats.t.ppf(0.975, clusters - 1)) * error
+    return dataclasses.replace(
+        found,
+        low=found.value - math.hypot(found.value - found.low, reach),
+        high=found.value + math.hypot(found.high - found.value, reach),
+        standard_error=math.hypot(found.standard_error, error),
+    )
+
+
 def student_interval(estimate: Estimate) -> Interval:
     """Return as many standard errors as Student's t has, for normal sessions."""
     quantile = float(stats.t.ppf(0.975, max(estimate.count - 1, 0)))
@@ -120,11 +143,13 @@ def interval_of(estimate: Estimate, method: str = "delta") -> Interval:
     if subjects is None and count >= _FEW_SESSIONS:
         return normal_interval(estimate, Z95, method + suffix)
     if subjects is None or index is None:
-        units, weights = count, _weights(count, None)
+        units, weights = float(count), _weights(count, None)
     else:
-        units = len(subjects)
+        windows = np.bincount(index)
+        units = count**2 / float(np.sum(windows**2))
         weights = _weights(count, index.astype(np.int64).tobytes())
-        suffix += f" of {units} subjects, both resampled"
+        effective = f" ({units:.3g} effective)" if units < len(subjects) else ""
+        suffix += f" of {len(subjects)} subjects{effective}, both resampled"
     if count < sample.drawn.size:
         of_all = np.zeros((sample.drawn.size, _REPLICATES))
         of_all[sample.drawn] = weights
@@ -224,6 +249,9 @@ def geometric_mean_ratio(
     **Returns:** the interval, dimensionless, over the scenes whose baseline exceeds
     `MIN_BASELINE_MTCD`; 0 if the technique removes all flicker from one of them.
     """
+    x, y = (numbers("cells", cells, ("scene", "session")) for cells in (x, y))
+    if x.shape != y.shape:
+        raise ValueError(f"cells must have one shape, got {x.shape} and {y.shape}.")
     both = np.isfinite(x) & np.isfinite(y)
     failed = int(np.sum(~both.all(axis=0)))
     if failed and nan_policy == "propagate":

@@ -8,9 +8,9 @@ normal, as wide as the interim analysis that ended a scene asks for.
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,8 +29,16 @@ from .estimate import (
     pairing_gain,
     ratio,
 )
-from .intervals import Z95, Interval, geometric_mean_ratio, interval_of, normal_interval
+from .intervals import (
+    Z95,
+    Interval,
+    geometric_mean_ratio,
+    interval_of,
+    normal_interval,
+    with_head,
+)
 from .planning import figure_of_merit, interim_level
+from .rows import MeanAndError, SummaryRow
 
 if TYPE_CHECKING:
     import xarray
@@ -44,57 +52,6 @@ GEOMETRIC_MEAN = "geometric mean"
 ONE_SESSION = "one session has no interval"
 
 _OLD_METRICS = ("mtcd", "detail_loss")  # of files that do not say
-
-
-class MeanAndError(NamedTuple):
-    """Mean of a metric over sessions, and its standard error."""
-
-    mean: float = math.nan
-    standard_error: float = math.nan
-
-
-@dataclasses.dataclass(frozen=True)
-class SummaryRow:
-    """One technique in one scene; a line of `summary.csv`, columns in this order.
-
-    Of the study's first metric, MTCD in code values of 8 bits: `low` and `high` bound
-    the mean, `q05`, `q50` and `q95` are quantiles of the sessions, `ratio` is to the
-    baseline. `others` are its other metrics, by name. `interval` says how intervals
-    were made, `note` why a number is NaN. Of a study with a goal: `seconds` spent on
-    the scene in this run, and `1 / (relative error^2 x seconds)`. `pairing_gain` is by
-    how much sharing heads and tiles with the baseline divides the ratio's variance.
-    """
-
-    technique: str
-    scene: str
-    sessions: int
-    mean: float = math.nan
-    standard_error: float = math.nan
-    low: float = math.nan
-    high: float = math.nan
-    q05: float = math.nan
-    q50: float = math.nan
-    q95: float = math.nan
-    ratio: float = math.nan
-    ratio_low: float = math.nan
-    ratio_high: float = math.nan
-    others: Mapping[str, MeanAndError] = dataclasses.field(default_factory=dict)
-    interval: str = ""
-    note: str = ""
-    seconds: float = math.nan
-    figure_of_merit: float = math.nan
-    pairing_gain: float = math.nan
-
-    def columns(self) -> dict[str, str | float]:
-        """Numbers by the names of their columns."""
-        found = {}
-        for name, value in vars(self).items():
-            if name != "others":
-                found[name] = value
-                continue
-            for metric, (mean, error) in self.others.items():
-                found |= {metric: mean, f"{metric}_standard_error": error}
-        return found
 
 
 def summarize(dataset: "xarray.Dataset") -> list[SummaryRow]:
@@ -137,6 +94,12 @@ class _Table:
         is_left_out = dataset.attrs.get("omit_failed", 1)
         self.nan_policy: NanPolicy = "omit" if is_left_out else "propagate"
         self.cells = cells_of(dataset, self.metrics)
+        self.head_clusters, self.head_words = 0, ""
+        if "head_fit_error" in dataset.attrs:
+            self.head_words = ", given the head"
+            if math.isfinite(dataset.attrs["head_fit_error"]):
+                self.head_clusters = int(dataset.attrs["head_fit_clusters"])
+                self.head_words = f", head of {dataset.attrs['head_fit_over']}"
         # Of a study with a goal: the half-widths of its scenes' intervals.
         self.z, self.seconds = None, np.full(len(self.scenes), math.nan)
         if "control_slope" in dataset:
@@ -181,9 +144,18 @@ class _Table:
 
     def _interval(self, estimate: Estimate, scenes: Sequence[int]) -> Interval:
         if self.z is None:
-            return interval_of(estimate, "normal")
+            return self._with_head(interval_of(estimate, "normal"), estimate)
         z = float(self.z[scenes].max())
-        return normal_interval(estimate, z, f"normal, {z:.2f} standard errors")
+        found = normal_interval(estimate, z, f"normal, {z:.2f} standard errors")
+        return self._with_head(found, estimate)
+
+    def _with_head(self, found: Interval, estimate: Estimate) -> Interval:
+        """Add the error of the head's fit, or say that there is none."""
+        if math.isnan(found.low):
+            return found
+        if self.head_clusters:
+            found = with_head(found, estimate, self.head_clusters)
+        return dataclasses.replace(found, method=found.method + self.head_words)
 
     def _row(self, technique: int, scene: str, scenes: Sequence[int]) -> SummaryRow:
         """Row of a technique over some scenes."""
@@ -222,7 +194,9 @@ class _Table:
             ratio_low=bounds.low,
             ratio_high=bounds.high,
             others={
-                name: MeanAndError(x.value, interval_of(x).standard_error)
+                name: MeanAndError(
+                    x.value, self._with_head(interval_of(x), x).standard_error
+                )
                 for name, x in others.items()
             },
             interval=found.method,
@@ -260,20 +234,19 @@ class _Table:
     def _geometric_mean(self, technique: int, rows: Sequence[SummaryRow]) -> SummaryRow:
         """Row of the geometric mean of a technique's ratios in its scenes."""
         every = range(len(rows))
+        ratios = [ratio(*self._means([technique, self.baseline], [s])) for s in every]
+        # Helped by a control variate, an estimate may fall to 0 and below.
+        ratios = [r for r in ratios if r.reason != NO_FLICKER and not r.value <= 0]
+        mean = geometric_mean(ratios) if ratios else none(NO_FLICKER)
         if self.z is not None:
-            ratios = [
-                ratio(*self._means([technique, self.baseline], [s])) for s in every
-            ]
-            # Helped by a control variate, an estimate may fall to 0 and below.
-            ratios = [r for r in ratios if r.reason != NO_FLICKER and not r.value <= 0]
             known, count = len(ratios), min(row.sessions for row in rows)
-            mean = geometric_mean(ratios) if ratios else none(NO_FLICKER)
             found = self._interval(mean, every)
         else:
             mtcd = np.stack([cell.measured[0] for cell in self.cells], axis=1)
             x, y = mtcd[technique], mtcd[self.baseline]
             clusters, policy = self.cells[0].clusters, self.nan_policy
             found = geometric_mean_ratio(x, y, clusters, nan_policy=policy)
+            found = self._with_head(found, mean)
             known = sum(math.isfinite(row.ratio) for row in rows)
             count = int(np.isfinite(x + y).any(axis=0).sum())
         note = "" if known == len(rows) else f"over {known} of {len(rows)} scenes"

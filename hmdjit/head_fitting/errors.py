@@ -4,6 +4,7 @@ Standard errors are sandwich estimates over clusters: subjects, or windows where
 are fewer than five subjects.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float64
 
+from ..head_motion.parameters import FitError
 from ..head_motion.process import HeadMotion
 from ..head_motion.trace import Trace
 from . import moments, whittle
@@ -86,7 +88,27 @@ def estimate(
     kind = f"{subjects} subjects"
     if not over_subjects:
         kind = f"{clusters} windows of {kind}, between these windows only"
-    return head, errors, end(-quantile, person.low), end(quantile, person.high), kind
+    # What is not identifiable moves no spectrum.
+    influence = np.where(is_identifiable, influence, 0.0)
+    rotation = _rotation_error(log_values, influence, rate_hz)
+    sure = dataclasses.replace(head, fit_error=FitError(rotation, clusters, kind))
+    return sure, errors, end(-quantile, person.low), end(quantile, person.high), kind
+
+
+def _rotation_error(
+    log_values: Float64[np.ndarray, "parameters 3"],
+    influence: Float64[np.ndarray, "clusters parameters 3"],
+    rate_hz: float,
+) -> float:
+    """Relative standard error of the RMS rotation per frame, by the jackknife."""
+    turns = []
+    for moved in (np.zeros_like(log_values), *influence):
+        values = np.exp(log_values + moved).tolist()
+        head = whittle.head_of(values, moments.DEFAULT_RETURN_TIME_S)
+        turns.append(float(head.increment_rms_deg(rate_hz)))
+    change = np.log(turns[1:]) - np.log(turns[0])
+    share = (len(influence) - 1) / len(influence)
+    return min(1.0, float(np.sqrt(share * np.sum(change**2))))
 
 
 def _log_values(search: Search, data: Data) -> Float64[np.ndarray, "parameters 3"]:

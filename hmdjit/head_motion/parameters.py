@@ -1,5 +1,7 @@
 """Parameters of head models: numbers per axis, damped modes, bursts."""
 
+import dataclasses
+
 import equinox as eqx
 
 from .. import _checks
@@ -64,3 +66,24 @@ class Amplitude(eqx.Module):
         _checks.in_range(
             "correlation_time_s", self.correlation_time_s, 0, open_low=True
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class FitError:
+    """How sure a fitted head is of how much it moves.
+
+    - `rotation`: relative standard error of its RMS rotation per frame, at the rate of
+      the recordings; from 0 to 1, above which nothing is known.
+    - `clusters`: how many it is over, at least 2.
+    - `over`: what they are, in words.
+
+    **Errors:** `ValueError` naming the field, the range and the value.
+    """
+
+    rotation: float
+    clusters: int
+    over: str
+
+    def __post_init__(self):
+        _checks.in_range("rotation", self.rotation, 0, 1)
+        _checks.whole("clusters", self.clusters, 2)

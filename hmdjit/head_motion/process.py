@@ -24,7 +24,7 @@ from .. import _checks, quaternion
 from .._types import Path, Poses, RandomKey, Scalar
 from . import components, laws, presets, sampling
 from .components import Parts
-from .parameters import AXES, Amplitude, PerAxis, Resonator, check_per_axis
+from .parameters import AXES, Amplitude, FitError, PerAxis, Resonator, check_per_axis
 
 
 class HeadMotion(eqx.Module):
@@ -46,6 +46,9 @@ class HeadMotion(eqx.Module):
     - `resonators`: damped modes, none or more; a heartbeat is one near 1.2 Hz with a
       damping near 0.05.
     - `amplitude`: bursts and lulls; None is a Gaussian process.
+    - `fit_error`: of the fit that these numbers come from; it moves no head, but widens
+      the intervals of a study. None takes the numbers, as a preset's, for known:
+      results are then given this head.
 
     The laws below (`covariance`, spectra, ...) are those of the median person; over the
     population everything but the tracker's noise is multiplied by `person_power`. They
@@ -64,6 +67,7 @@ class HeadMotion(eqx.Module):
     person_sd: Scalar = eqx.field(converter=_checks.number, default=0.17)
     resonators: tuple[Resonator, ...] = eqx.field(converter=tuple, default=())
     amplitude: Amplitude | None = None
+    fit_error: FitError | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
         check_per_axis(self, "speed_rms_deg_s", open_low=False)

@@ -53,7 +53,9 @@ def print_fit(console: Console, fit: Fit) -> None:
     columns = dict.fromkeys(("value", "std. error", "95 % interval"), READY)
     rows: list[tuple[str, ...]] = []
     parts = (fit.head, fit.standard_error, fit.low, fit.high)
-    of_parts = zip(*(_numbers(_toml.table(part)) for part in parts), strict=True)
+    tables_of = [_toml.table(part) for part in parts]
+    fit_error = tables_of[0].pop("fit_error", None)
+    of_parts = zip(*map(_numbers, tables_of), strict=True)
     for (name, axis, value), *others in of_parts:
         error, low, high = (number for _, _, number in others)
         name, axis = _named(name, axis)
@@ -72,6 +74,12 @@ def print_fit(console: Console, fit: Fit) -> None:
         f"Errors and intervals are over {fit.clusters}. Not identifiable: not fitted, "
         "or at a bound of its search."
     )
+    if fit_error is not None:
+        share = f"{100 * fit_error['rotation']:.1f} %"
+        console.print(
+            f"RMS rotation per frame: ± {share} (a standard error), which intervals "
+            "of a study with this head hold."
+        )
     console.print(_order(fit))
 
 

@@ -4,6 +4,7 @@ Files carry it as attributes, figures and tables say it in words.
 """
 
 import dataclasses
+import math
 import platform
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -51,6 +52,7 @@ def attributes(
         "measure": str(study.measure),
         "head": head_words(study.head),
         "head_model": model_words(study.head),
+        **_head_fit(study.head),
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "fov_deg": float(camera.fov_deg),
@@ -79,6 +81,29 @@ def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str
     parts |= {f"scene {name}": scene for name, scene in scenes.items()}
     parts |= {f"technique {technique.id}": technique for technique in techniques}
     return {name: fingerprint(part)[:16] for name, part in parts.items()}
+
+
+def _head_fit(head: Head) -> dict[str, Any]:
+    """Say how sure a head model is: NaN where it is taken as known."""
+    if not isinstance(head, HeadMotion):
+        return {}
+    if head.fit_error is None:
+        return {"head_fit_error": math.nan}
+    fit = dataclasses.asdict(head.fit_error)
+    names = {"rotation": "error", "clusters": "clusters", "over": "over"}
+    return {f"head_fit_{name}": fit[field] for field, name in names.items()}
+
+
+def _head_words(known: Mapping[str, Any]) -> str:
+    error = known.get("head_fit_error")
+    if error is None:
+        return ""
+    if math.isnan(error):
+        return ", taken as known: intervals are given this head"
+    return (
+        f", fitted to {known['head_fit_over']}: intervals hold how much it turns, ± "
+        f"{100 * error:.1f} %, but not how smoothly"
+    )
 
 
 def mean_px_per_deg(camera: Camera) -> float:
@@ -149,7 +174,7 @@ def footer(dataset: "xarray.Dataset") -> str:
         f"{_number(known, 'px_per_deg_side')} at the side, "
         f"{_number(known, 'px_per_deg_mean')} on average; "
         f"{known.get('measure', 'unknown part')} measured. "
-        f"Head: {known.get('head', 'unknown')}. "
+        f"Head: {known.get('head', 'unknown')}{_head_words(known)}. "
         f"{sessions} of {frames_words(known)}; "
         f"hmdjit {known.get('hmdjit_version')}, model {known.get('model_version')}, "
         f"config {str(known.get('config_hash'))[:8]}."

@@ -58,7 +58,8 @@ class Study(StudyDefinition):
         - `batch_size`: sessions per dispatch and file; does not change a bit.
         - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
           interval of every mean and ratio of MTCD within this relative half-width, or
-          within 0.005 code values. How many depends on study, seed and tolerance only.
+          within 0.005 code values, given the head: what a fitted one may be off by
+          comes on top. How many depends on study, seed and tolerance only.
         - `budget_s`: instead, as many as these seconds allow, compiling included; at
           least 128 in each scene. How many follows the clock.
         - `repeat`: instead, as many as a run with a budget had: sessions and predicted
