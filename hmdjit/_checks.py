@@ -91,8 +91,8 @@ def colors(name: str, values: Any) -> jax.Array:
     if not is_traced(values):
         known = np.asarray(values)
         finite = np.isfinite(known)
-        low = float(known.min(initial=0, where=finite))
-        high = float(known.max(initial=0, where=finite))
+        low = float(known.min(initial=np.inf, where=finite))
+        high = float(known.max(initial=-np.inf, where=finite))
         if low < -0.5 / 255 or high > 1 + 0.5 / 255:
             raise ValueError(
                 f"{name} must lie in [0, 1], "

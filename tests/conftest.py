@@ -35,9 +35,11 @@ def pytest_configure(config):
     for name, usual in CACHED.items():
         value = type(usual)(os.environ.setdefault(name, str(usual)))
         jax.config.update(name.lower(), value)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each worker
     if "not slow" in config.option.markexpr:
-        # Optimising a program takes longer than all the rest of a quick test; commands
-        # that tests run read the variable.
+        # Optimising a program takes longer than all the rest of a quick test. Workers,
+        # and commands that tests run, read the variables.
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
         os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
         jax.config.update("jax_disable_most_optimizations", True)
 

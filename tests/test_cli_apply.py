@@ -356,7 +356,7 @@ def test_the_first_row_can_be_named(run, frames, tmp_path):
     assert "Warning" not in run("none", frames, poses, "--first-row", 6)
     assert "Warning" in run("none", frames, poses, "--first-row", 5)
     message = run("none", frames, poses, "--first-row", 0, fails=True)
-    assert "first_row must lie in [1, 16], got 0" in message
+    assert "--first-row must lie in [1, 16], got 0" in message
     message = run("none", frames, poses, "--first-row", 10, fails=True)
     assert "poses.csv: must reach the last frame's row, 17, has 16" in message
 
@@ -443,9 +443,9 @@ def test_an_assumed_field_of_view_is_told(frames, poses, capsys, tmp_path, monke
 
 WRONG = [
     (["ssaa2", "frames", "poses.csv"], "4 samples per pixel for ssaa2, got 1"),
-    (["taa", "frames", "poses.csv"], "technique must be one of"),
+    (["taa", "frames", "poses.csv"], "--techniques must be one of"),
     (["none", "frames", "poses.csv", "--out", "frames"], "must differ from the folder"),
-    (["none", "frames", "poses.csv", "--fov", "0"], r"fov_deg must lie in \(0, 180\)"),
+    (["none", "frames", "poses.csv", "--fov", "0"], r"--fov must lie in \(0, 180\)"),
     (["none", "frames", "--techniques", "none"], "techniques must all differ"),
     (["none", "frames", "--warmup", "7"], "at least 2 frames after warmup = 7, has 8"),
     (["none", "frames", "--reference", "fewer"], "fewer: has no frame of number 2"),

@@ -319,7 +319,8 @@ def test_a_failed_figure_leaves_no_model(traces, tmp_path, monkeypatch, capsys):
     model = tmp_path / "turning.toml"
     model.write_text(TURNING)
     assert run("sample", "--model", model, *SHORT, "--out", out) == 2
-    assert capsys.readouterr().err == "hmdjit: error: No space left on device\n"
+    message = f"{out.with_name('me.png')}: No space left on device"
+    assert capsys.readouterr().err == f"hmdjit: error: {message}\n"
     assert not list(out.parent.iterdir())
 
 

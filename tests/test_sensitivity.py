@@ -101,8 +101,9 @@ NUMBERS = {
 }
 
 
+@pytest.mark.slow
 def test_derivatives_of_mtcd_are_central_differences():
-    """One number of each kind; the slow tests look at all of them."""
+    """One number of each kind; further below are all of them."""
     # With a technique that compiles quickly.
     here = parameters(MODELS["A"], Tinted(0.7, jnp.array([0.5, 0.3])))
     of = lambda now: differentiate(ONE, now, sessions=2, **COUNTS)

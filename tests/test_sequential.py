@@ -196,7 +196,10 @@ def test_a_tolerance_is_kept_from_the_command_line_on(tmp_path, capsys, monkeypa
     assert not cli.run([*again, "--repeat", str(file)])
     ours, expected = (_found(place) for place in (tmp_path / "again", tmp_path))
     assert ours["mtcd"].equals(expected["mtcd"])
-    assert rows_of(ours)["none", "noise"].interval == "normal, 1.96 standard errors"
+    assert (
+        rows_of(ours)["none", "noise"].interval
+        == "normal, 1.96 standard errors, given the head"
+    )
 
 
 def unwrapped(text):

@@ -128,7 +128,8 @@ def _errors(
     relative, absolute = max(gaps / sizes), max(gaps)
     kinds = {"eps": relative / number.eps, "relative": relative}
     judged = kinds.get(row.unit, absolute)
-    where, worst, is_kink = describe(arguments), [(0.0, "")], row.kink(*arguments)
+    where, worst = describe(arguments), [(0.0, "")]
+    is_kink = row.kink is not None and row.kink(*arguments)
     for i, slopes in zip(wrt, jacobians, strict=True):
         if is_kink:
             is_finite = all(np.isfinite(slope).all() for slope in slopes)

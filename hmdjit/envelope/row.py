@@ -82,8 +82,8 @@ class Row:
     floor: float | Callable[..., float] = 0.0
     slope_unit: float | Callable[[Inputs, int], float] = 0.0
     wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] = lambda *arguments: False
-    kept: Callable[..., bool] = lambda *arguments: True
+    kink: Callable[..., bool] | None = None
+    kept: Callable[..., bool] | None = None
     eager: bool = False
     count: int = 50
     quick: int = 24
@@ -113,4 +113,4 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [x for x in found if self.kept(*x)]
+        return [x for x in found if self.kept is None or self.kept(*x)]
