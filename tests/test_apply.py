@@ -129,6 +129,14 @@ def test_a_stream_shows_what_a_clip_shows(rng, technique):
     np.testing.assert_allclose(np.stack(ours), expected, rtol=0, atol=3e-7)
 
 
+def test_a_stream_takes_codes_and_refuses_other_scales(untyped, rng):
+    codes = rng.integers(0, 256, (FRAMES, *SIZE), dtype=np.uint8)
+    (first,) = list(clips.stream(Freeze(), CAMERA, iter(codes[:1]), None))
+    np.testing.assert_allclose(255 * first, codes[0], atol=1e-4)
+    with pytest.raises(ValueError, match=r"^frames must lie in \[0, 1\], got float64"):
+        next(clips.stream(Freeze(), CAMERA, iter(codes.astype(float)), None))
+
+
 def test_a_stream_of_one_sample_per_pixel_cannot_be_resolved(rng):
     message = "^frames must have 4 samples per pixel for ssaa2, got 1.$"
     with pytest.raises(ValueError, match=message):

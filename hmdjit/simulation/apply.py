@@ -144,7 +144,8 @@ def stream(
     for k, picture in enumerate(frames):
         if poses is not None and k >= len(poses):
             raise ValueError(f"poses must have one row per frame, got {len(poses)}.")
-        color = jnp.moveaxis(jnp.asarray(picture, jnp.float32), -1, 0)[None]
+        picture = _checks.colors("frames", picture).astype(jnp.float32)
+        color = jnp.moveaxis(picture, -1, 0)[None]
         frame = Frame(color, camera, region)
         state = _first(technique, frame) if k == 0 else state
         now = path if poses is None else jax.tree.map(lambda leaf, k=k: leaf[k], path)
