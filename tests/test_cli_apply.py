@@ -2,6 +2,8 @@ import csv
 import errno
 import functools
 import re
+import struct
+import zlib
 
 import numpy as np
 import PIL.Image
@@ -59,6 +61,19 @@ def log(path, poses=None, t_s=None):
     table = np.column_stack([t_s, poses])
     np.savetxt(path, table, "%.9f", ",", header="t_s,qw,qx,qy,qz", comments="")
     return path
+
+
+def png_of(side_px):
+    """A grey PNG of which most is missing."""
+    sizes = struct.pack(">IIBBBBB", side_px, side_px, 8, 0, 0, 0, 0)
+    chunks = [(b"IHDR", sizes), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
+    chunk = lambda name, data: (
+        struct.pack(">I", len(data))
+        + name
+        + data
+        + struct.pack(">I", zlib.crc32(name + data))
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*item) for item in chunks)
 
 
 @pytest.fixture
@@ -274,12 +289,31 @@ def test_a_second_run_leaves_nothing_of_the_first(run, frames, tmp_path):
     assert names == [*(f"frame_{k:03}.png" for k in range(5)), "mine.png", "notes.txt"]
 
 
+def test_other_pictures_beside_displayed_ones_may_be_damaged(run, frames, tmp_path):
+    others = frames_in(tmp_path / "shown", pictures=[])
+    for side in (10_000, 20_000):  # Pillow warns of one and refuses the other
+        (others / f"{side}.png").write_bytes(png_of(side))
+    (others / "damaged.png").write_bytes(png_of(1)[:30])
+    run("none", frames, "--out", "shown")
+    assert len([*others.iterdir()]) == COUNT + 3
+
+
 def test_pictures_that_apply_has_not_made_stay(run, frames, tmp_path):
     others = frames_in(tmp_path / "others")
     message = run("freeze", frames, "--out", others, fails=True)
     assert "out must not overwrite what apply has not made: " in message
     assert "frame_000.png" in message
     np.testing.assert_array_equal(shown(others), codes())
+
+
+@pytest.mark.parametrize("option", [(), ("--reference", "shown")])
+def test_frames_that_are_read_are_never_former_ones(run, frames, tmp_path, option):
+    run("none", frames, "--out", "shown")
+    folder = frames if option else "shown"
+    both = ("--techniques", "freeze", "--out", "shown")
+    message = run("none", folder, *option, *both, fails=True)
+    assert "--out must differ from the folder of the frames, got shown" in message
+    np.testing.assert_array_equal(shown(tmp_path / "shown"), codes())
 
 
 @pytest.mark.parametrize("names_file", [False, True])
@@ -450,6 +484,9 @@ WRONG = [
     (["none", "frames", "--warmup", "7"], "at least 2 frames after warmup = 7, has 8"),
     (["none", "frames", "--reference", "fewer"], "fewer: has no frame of number 2"),
     (["none", "frames", "--reference", "wide"], "wide.*must be 24 x 18 px"),
+    (["none", "broken"], "broken/a_1.png: not a picture that Pillow can read"),
+    (["none", "huge"], "huge/a_1.png: too large: Image size"),
+    (["none", "frames", "--refresh", "0"], r"--refresh must lie in \(0, inf\)"),
     (["none", "empty"], "at least 2 numbered PNG frames"),
     (["none", "nowhere"], "must be a folder of numbered"),
     (["none", "twice"], "two frames have the number 1: a_01.png and a_1.png"),
@@ -473,6 +510,11 @@ def test_wrong_input_ends_in_one_clear_line(
         frames_in(tmp_path / folder, pictures=[])
         for name in names:
             PIL.Image.fromarray(codes()[0]).save(tmp_path / folder / name)
+    broken = frames_in(tmp_path / "broken", "a_{}.png", codes()[:3])
+    huge = frames_in(tmp_path / "huge", "a_{}.png", codes()[:3])
+    for folder, picture in {broken: b"", huge: png_of(20_000)}.items():
+        (folder / "a_0.png").unlink()
+        (folder / "a_1.png").write_bytes(picture)
     before = set(tmp_path.rglob("*"))
     assert re.search(message, run(*arguments, fails=True))
     assert set(tmp_path.rglob("*")) == before

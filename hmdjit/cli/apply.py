@@ -141,9 +141,9 @@ class ApplyCommand(PoseLog):
         folders = self._folders(frames, ids)
         if self.csv is not None:
             check_can_write(self.csv.parent)
+        size = frames.size()
         for note in frames.notes():
             console.out(note)
-        size = frames.size()
         camera, poses = self._viewing(console, frames, size)
         fit = None if poses is None else PoseFit(camera, poses)
         references: Iterable[Picture | None] = itertools.repeat(None)
@@ -199,7 +199,7 @@ class ApplyCommand(PoseLog):
         taken = [
             folder.resolve() for folder in (self.frames_dir, self.reference) if folder
         ]
-        for folder in folders:
+        for folder in (out, *folders):  # of several, former frames in `out` go too
             if folder.resolve() in taken:
                 raise ValueError(
                     f"out must differ from the folder of the frames, got {folder}."
@@ -216,7 +216,8 @@ class ApplyCommand(PoseLog):
         if self.fov is not None:
             fov_deg, fov = self.fov, "as given"
         if self.poses is None:
-            return Camera(*size, fov_deg, self.refresh or 60.0), None
+            rate_hz = 60.0 if self.refresh is None else self.refresh
+            return Camera(*size, fov_deg, rate_hz), None
         trace = self.read_trace(self.poses)
         notes = trace.notes
         trace = aligned(trace, frames, self.first_row, self.refresh)

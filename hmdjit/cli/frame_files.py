@@ -6,6 +6,7 @@ import itertools
 import os
 import re
 import shutil
+import warnings
 from collections.abc import Iterable, Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -121,7 +122,8 @@ class FrameFiles:
                 "Warning: JPEG's compression errors differ from frame to frame and are "
                 "part of every MTCD; render PNG to be rid of them."
             )
-        with PIL.Image.open(first) as image:
+        # Of half the size that is refused Pillow warns.
+        with warnings.catch_warnings(action="ignore"), PIL.Image.open(first) as image:
             if image.has_transparency_data:
                 way = "ignored (--alpha lays frames on black)"
                 way = way if self.is_opaque else "applied: frames lie on black"
@@ -168,9 +170,10 @@ def _is_ours(path: Path) -> bool:
     import PIL.Image
 
     try:
-        with PIL.Image.open(path) as image:
+        # Pillow warns of large pictures, and of a damaged one raises almost anything.
+        with warnings.catch_warnings(action="ignore"), PIL.Image.open(path) as image:
             return image.info.get("Software", "").startswith("hmdjit ")
-    except (OSError, SyntaxError):
+    except Exception:
         return False
 
 
