@@ -569,6 +569,8 @@ def test_recorded_traces_have_the_rate_and_speed_of_their_table(shared):
         (90.0, 0.005, 600),
         (60.0, 1 / 64, 600),
         (60.0, 0.0156, 600),
+        (60.0, 0.0156, 30),
+        (60.0, 1 / 64, 30),
         (72.0, 0.01, 300),
         (62.0, 0.01, 300),
         (98.0, 0.01, 900),
@@ -612,6 +614,7 @@ def test_a_rate_that_no_display_has_is_an_error_wherever_it_is_taken(scale, rate
     for take in (
         lambda: trace.rate_hz,
         lambda: trace.windows(10),
+        lambda: trace.still_segments(),
         lambda: hj.Replay([trace]),
         lambda: hj.Replay([trace], rate_hz=90.0),
         lambda: hj.fit_heads([trace]),
@@ -645,6 +648,14 @@ def test_held_poses_are_told_and_left_out(tracker_hz):
     assert f"left out {repeats} of 901 rows as held" in renewed.notes[0]
     assert not any("poses are held" in note for note in renewed.notes)
     assert hj.Replay([renewed]).refresh_hz == renewed.rate_hz
+
+
+@pytest.mark.parametrize(("rows", "repeated"), [(8, 2), (18, 2), (30, 6)])
+def test_held_poses_of_short_clips_are_told(rows, repeated):
+    whole = yawing(np.arange(rows) / 90)
+    is_new = np.arange(rows) % repeated != repeated - 1
+    new = np.flatnonzero(is_new)
+    assert "poses are held" in held(whole, new, new).notes[-1]
 
 
 def test_few_equal_poses_are_not_held_ones():

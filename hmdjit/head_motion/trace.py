@@ -208,9 +208,12 @@ class Trace(eqx.Module):
 
         **Returns:** the longest runs below the limit, none across a gap; rows and times
         as recorded.
+
+        **Errors:** `ValueError` where `rate_hz` has one.
         """
         _checks.in_range("max_speed_deg_s", max_speed_deg_s, 0, open_low=True)
         _checks.in_range("min_duration_s", min_duration_s, _ROUNDING, open_low=True)
+        self.rate_hz  # noqa: B018  raises for a wrong unit of time
         least_s, segments = min_duration_s - _ROUNDING, []
         for part in self.parts():
             still = part._mean_square_speed() < np.radians(max_speed_deg_s) ** 2

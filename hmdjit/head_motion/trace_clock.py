@@ -21,6 +21,7 @@ GAP_FRAMES = 3.5
 # Rounding moves the times of a clock by a frame at most, in all its rows together; a
 # lost frame moves all later rows for good. Fewer long steps than that tell neither, and
 # more make them the median.
+_TICKS_S = (0.01, 0.0156, 1 / 64)
 _LEAST_UNEVEN, _MOST_MEAN_FRAMES, _MOST_OFF_FRAMES, _LEAST_ROWS = 3, 1.6, 1.1, 512
 
 
@@ -42,8 +43,9 @@ def _is_rounded(t_s: _Times, frame_s: float) -> bool:
     """
     uneven = np.count_nonzero(np.rint(np.diff(t_s) / frame_s) != 1)
     mean_s = (t_s[-1] - t_s[0]) / max(len(t_s) - 1, 1)
-    # No display shows 100.00 Hz, but many a log has two decimals.
-    least = 1 if abs(frame_s - 0.01) < 1e-9 else _LEAST_UNEVEN
+    # No display shows 100 or 64 Hz, but many a log has two decimals or Windows' clock.
+    is_tick = np.isclose(frame_s, _TICKS_S, rtol=1e-6, atol=0).any()
+    least = 1 if is_tick else _LEAST_UNEVEN
     if uneven < least or mean_s > _MOST_MEAN_FRAMES * frame_s:
         return False
     rows = np.arange(len(t_s)) - (len(t_s) - 1) / 2

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float64
 
 from . import trace_clock
 
-# Rounding alone repeats 2.5 % of a still head's rows.
-_LEAST_HELD, _LEAST_HELD_SHARE = 10, 0.05
+# Rounding alone repeats 2.5 % of a still head's rows: more, and of few rows an eighth.
+_LEAST_HELD, _ENOUGH_HELD, _LEAST_HELD_SHARE = 3, 10, 0.05
 _Times = Float64[np.ndarray, " rows"]
 _Orientations = Float64[np.ndarray, "rows 4"]
 
@@ -30,7 +30,8 @@ def is_held(poses: _Orientations) -> bool:
     """Whether so many poses are repeated that a tracker holds them."""
     repeats = held(poses)
     count = int(np.count_nonzero(repeats))
-    least = max(_LEAST_HELD, _LEAST_HELD_SHARE * len(repeats))
+    enough = max(_LEAST_HELD, min(_ENOUGH_HELD, len(repeats) / 8))
+    least = max(enough, _LEAST_HELD_SHARE * len(repeats))
     return least <= count < len(repeats)
 
 
