@@ -426,7 +426,19 @@ def test_frames_named_by_times_find_their_poses(run, tmp_path):
         # A tenth of a frame late: poses lie between those of two rows.
         time = start_s + (5 + k + 0.1 * (k < COUNT - 1)) / RATE
         PIL.Image.fromarray(picture).save(folder / f"{time:.6f}.png")
-    assert "Warning" not in run("none", folder, poses)
+    printed = run("none", folder, poses)
+    assert "Warning" not in printed
+    times = r"1305031102\.0708\d\d to 1305031102\.1666\d\d"
+    assert re.search(f"Poses of the frames' times, {times} s in poses.csv", printed)
+
+
+def test_numbers_that_might_be_times_are_no_times_where_each_has_its_row(
+    run, tmp_path, poses
+):
+    folder = frames_in(tmp_path / "frames", "frame_{}000.png")  # 0 to 7000, as in us
+    printed = run("none", folder, poses)
+    assert "72.00 Hz (of the poses)" in printed
+    assert "Warning" not in printed
 
 
 def test_frames_in_ns_keep_their_times_from_the_first_row(tmp_path, poses):

@@ -228,6 +228,7 @@ class ApplyCommand(PoseLog):
         camera = Camera(*size, fov_deg, rate_hz)
         for note in (
             *notes,
+            *trace.remarks,
             f"Camera: {size[0]} x {size[1]} px, {fov_deg:g} deg wide ({fov}), "
             f"{rate_hz:.2f} Hz ({rate}).",
         ):

@@ -30,12 +30,15 @@ def aligned(
 ) -> Trace:
     """Return a pose per frame.
 
-    - By time, if frames are named by times within the log: s, us or ns, 0.5 ms to 0.2 s
-      apart. Logs in other units than s count from their first row.
     - From `first_row` on, from 1: row by row, or by time where frames are named by
       times or `refresh_hz` is not the log's rate within 2 %.
+    - By time, if frames are named by times within the log: s, us or ns, 0.5 ms to 0.2 s
+      apart. Logs in other units than s count from their first row. Of as many rows as
+      frames each must lie within half a frame of its frame.
     - Row by row, if there are as many rows as frames, or as many as numbers from the
       first frame's to the last one's.
+
+    Where it is by time, the result's remarks say so.
 
     **Errors:** `ValueError` if none of these says which pose is whose, or the log does
     not reach so far.
@@ -44,7 +47,7 @@ def aligned(
     times = np.array(frames.numbers, float)
     step = np.median(np.diff(times))
     units = [unit for unit, (low, high) in _TIMES.items() if low <= step <= high]
-    times, is_timed = times / (units or [1])[0], bool(units)
+    times, is_timed, half_s = times / (units or [1])[0], bool(units), trace.frame_s / 2
     if first_row is not None:
         if not 1 <= first_row <= rows:
             raise ValueError(f"first_row must lie in [1, {rows}], got {first_row}.")
@@ -54,10 +57,10 @@ def aligned(
         if refresh_hz and abs(refresh_hz / trace.rate_hz - 1) > 0.02:
             return _at(trace, trace.t_s[start] + row / refresh_hz)
         row = start + row
-    elif is_timed and np.allclose(times, _within(trace, times), 0, trace.frame_s / 2):
-        return _at(trace, times)
-    elif rows == count:
+    elif rows == count and not (is_timed and np.allclose(times, trace.t_s, 0, half_s)):
         row = np.arange(count)
+    elif is_timed and np.allclose(times, _within(trace, times), 0, half_s):
+        return _at(trace, times)
     elif places and rows == places[-1] + 1:
         row = np.array(places)
     else:
@@ -90,7 +93,12 @@ def _at(trace: Trace, times: np.ndarray) -> Trace:
         )
     heads = Rotation.from_quat(trace.world_from_head, scalar_first=True)
     poses = Slerp(trace.t_s - trace.t_s[0], heads)(inside - trace.t_s[0])
-    return Trace(times, poses.as_quat(scalar_first=True), name=trace.name)
+    remark = (
+        f"Poses of the frames' times, {times[0]:.6f} to {times[-1]:.6f} s in "
+        f"{trace.name}."
+    )
+    poses = poses.as_quat(scalar_first=True)
+    return Trace(times, poses, name=trace.name, remarks=[remark])
 
 
 def _within(trace: Trace, times: np.ndarray) -> np.ndarray:
