@@ -15,13 +15,15 @@ RATES_HZ = (5.0, 2000.0)
 
 MAX_ROWS = 10**8  # 4 GB: a wrong rate must not eat the machine
 
+# Steps of clocks that no display has: two decimals; Windows' tick, also rounded to ms.
+_TICKS_S = (0.01, 0.015, 0.0156, 1 / 64, 0.016)
+
 # An arc still bridges two lost frames (33 ms at 90 Hz). In more, a head's tremor turns
 # around and the arc would invent stillness. The half is for times that jitter.
 GAP_FRAMES = 3.5
 # Rounding moves the times of a clock by a frame at most, in all its rows together; a
 # lost frame moves all later rows for good. Fewer long steps than that tell neither, and
 # more make them the median.
-_TICKS_S = (0.01, 0.0156, 1 / 64)
 _LEAST_UNEVEN, _MOST_MEAN_FRAMES, _MOST_OFF_FRAMES, _LEAST_ROWS = 3, 1.6, 1.1, 512
 
 
@@ -43,15 +45,15 @@ def _is_rounded(t_s: _Times, frame_s: float) -> bool:
     """
     uneven = np.count_nonzero(np.rint(np.diff(t_s) / frame_s) != 1)
     mean_s = (t_s[-1] - t_s[0]) / max(len(t_s) - 1, 1)
-    # No display shows 100 or 64 Hz, but many a log has two decimals or Windows' clock.
-    is_tick = np.isclose(frame_s, _TICKS_S, rtol=1e-6, atol=0).any()
-    least = 1 if is_tick else _LEAST_UNEVEN
+    is_tick = np.isclose(frame_s, _TICKS_S, rtol=1e-4, atol=0).any()
+    # The line through a few long steps, as of a short clip, strays by up to 0.4 frames.
+    least, most = (1, 1.4) if is_tick else (_LEAST_UNEVEN, _MOST_OFF_FRAMES)
     if uneven < least or mean_s > _MOST_MEAN_FRAMES * frame_s:
         return False
     rows = np.arange(len(t_s)) - (len(t_s) - 1) / 2
     elapsed = t_s - np.mean(t_s)
     off = elapsed - rows * (np.sum(rows * elapsed) / np.sum(rows**2))
-    return bool(np.ptp(off) <= _MOST_OFF_FRAMES * frame_s)
+    return bool(np.ptp(off) <= most * frame_s)
 
 
 def _rounded(t_s: _Times, frame_s: float) -> list[tuple[int, int]]:
