@@ -81,9 +81,10 @@ def colors(name: str, values: Any) -> jax.Array:
     """Gamma colours as floats in `[0, 1]`: codes of 8 or 16 bits by 255 or 65535.
 
     **Errors:** `ValueError` for any other dtype that is not floating, and for floats
-    outside `[0, 1]` by more than half a code value of 8 bits; what is not finite or is
-    being traced passes.
+    outside `[0, 1]` by more than half a code value of 8 bits, and for masked arrays;
+    what is not finite or is being traced passes.
     """
+    unmasked(name, values)
     values = values if isinstance(values, jax.Array) else np.asarray(values)
     if values.dtype in (np.uint8, np.uint16):
         return jnp.asarray(values, float) / float(jnp.iinfo(values.dtype).max)
@@ -99,6 +100,12 @@ def colors(name: str, values: Any) -> jax.Array:
                 f"got {values.dtype} from {low:g} to {high:g}."
             )
     return jnp.asarray(values)
+
+
+def unmasked(name: str, values: Any) -> None:
+    """Raise for a masked array: what lies under its mask would count."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise ValueError(f"{name} must not be masked: say what is there by filled().")
 
 
 def floating(name: str, values: Any, allowed: str = "floating") -> None:

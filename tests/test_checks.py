@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hmdjit as hj
 from hmdjit import _checks
 
 
@@ -68,6 +69,19 @@ def test_in_range_lets_values_that_are_not_known_yet_pass():
         return 2 * share
 
     assert doubled(5.0) == 10.0
+
+
+def test_colours_under_a_mask_are_refused():
+    clip = np.ma.masked_greater(np.zeros((2, 4, 4, 3)), 0.5)
+    picture = clip[0]
+    for take in (
+        lambda: hj.metrics.mtcd(clip),
+        lambda: hj.metrics.Streamed(hj.metrics.MTCD()).add(picture),
+        lambda: hj.scenes.Photograph.of(picture),
+        lambda: hj.Texture.of(picture, picture, 1, 0),
+    ):
+        with pytest.raises(ValueError, match=r"^\w+ must not be masked: say what"):
+            take()
 
 
 @pytest.mark.parametrize("value", [1, 7, np.int64(3)])

@@ -188,6 +188,7 @@ class Streamed:
 
 
 def _planes(name: str, picture: ArrayLike, like: Rgb | None) -> Rgb:
+    _checks.unmasked(name, picture)
     picture = np.asarray(picture)
     size = picture.shape[:2] if like is None else like.shape[1:]
     if picture.ndim != 3 or picture.shape != (*size, 3):

@@ -44,6 +44,7 @@ def stored_planes(picture: ArrayLike) -> StoredPlanes:
 
     **Errors:** `ValueError` for any other shape, dtype or range.
     """
+    _checks.unmasked("picture", picture)
     picture = np.asarray(picture)
     if picture.ndim not in (2, 3) or picture.shape[2:] not in ((), (3,)):
         raise ValueError(
