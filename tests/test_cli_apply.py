@@ -238,6 +238,16 @@ def test_frames_named_by_times_are_in_their_order(run, tmp_path):
     assert f"order of their numbers, {names[0]}.png to {names[-1]}.png" in printed
 
 
+def test_counts_behind_a_number_and_a_point_are_no_fractions(run, tmp_path, frames):
+    folder = frames_in(tmp_path / "shots", pictures=[])
+    for k, picture in enumerate(codes(), 4):  # 4 to 11, and 1 is no part of it
+        PIL.Image.fromarray(picture).save(folder / f"shot1.{k}.png")
+    printed = run("none", folder)
+    assert "order of their numbers, shot1.4.png to shot1.11.png" in printed
+    (row,) = re.findall(r"frames, before [\d. ]+", run("none", frames))
+    assert row in printed
+
+
 def test_other_files_are_no_frames(run, frames):
     (frames / "._frame_001.png").write_bytes(b"\0\5\26\7 AppleDouble")
     (frames / "frame_notes_9.txt").write_text("no picture")

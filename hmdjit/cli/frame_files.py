@@ -54,11 +54,8 @@ class FrameFiles:
             raise ValueError(f"{folder}: must be a folder of numbered PNG frames.")
         found: dict[tuple[Decimal, ...], Path] = {}
         names: dict[str, str] = {}
-        for file in sorted(folder.iterdir()):
-            is_picture = file.suffix.lower() in _SUFFIXES and file.name[0] != "."
-            key = tuple(map(Decimal, _NUMBER.findall(file.stem)))
-            if not (is_picture and key):
-                continue
+        files = [file for file in sorted(folder.iterdir()) if _is_numbered(file)]
+        for file, key in zip(files, _keys(files), strict=True):
             if (other := found.setdefault(key, file)) != file:
                 raise ValueError(
                     f"{folder}: two frames have the number {key[-1]}: {other.name} and "
@@ -149,6 +146,28 @@ class FrameFiles:
 
     def _read(self, file: Path) -> Picture:
         return read_picture(file, opaque=self.is_opaque)
+
+
+def _is_numbered(file: Path) -> bool:
+    is_picture = file.suffix.lower() in _SUFFIXES and file.name[0] != "."
+    return is_picture and _NUMBER.search(file.stem) is not None
+
+
+def _keys(files: Iterable[Path]) -> list[tuple[Decimal, ...]]:
+    """Numbers in files' names; `shot1.9` comes before `shot1.10`."""
+    numbers = [_NUMBER.findall(file.stem) for file in files]
+    lasts = [last.partition(".") for *_, last in numbers]
+    counts = sorted(int(fraction or 0) for *_, fraction in lasts)
+    lengths = {len(fraction) for *_, fraction in lasts}
+    # Digits behind one whole number, of several lengths, that leave out no number: they
+    # count. No times are such.
+    is_count = len({whole for whole, *_ in lasts}) == 1 and 0 not in lengths
+    if is_count and len(lengths) > 1 and counts[-1] - counts[0] == len(counts) - 1:
+        numbers = [
+            [*others, fraction]
+            for (*others, _), (*_, fraction) in zip(numbers, lasts, strict=True)
+        ]
+    return [tuple(map(Decimal, of_file)) for of_file in numbers]
 
 
 def codes(picture: Picture) -> Codes:
