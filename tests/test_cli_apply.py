@@ -421,6 +421,17 @@ def test_a_log_at_another_rate_is_read_by_time(run, frames, tmp_path):
     assert "must reach the last frame" in message
 
 
+def test_poses_of_a_slower_tracker_are_read_by_time(run, frames, tmp_path):
+    turns = np.zeros((COUNT, 3))
+    turns[:, 1] = np.arange(COUNT) // 2 * 1.2 / CAMERA.focal_px
+    poses = log(
+        tmp_path / "held.csv", Rotation.from_rotvec(turns).as_quat()[:, [3, 0, 1, 2]]
+    )
+    assert "poses are held: 4 of 8 rows" in run("none", frames, poses)
+    options = ("--skip-held", "--first-row", 1, "--refresh", RATE)
+    assert "left out 4 of 8 rows as held" in run("none", frames, poses, *options)
+
+
 def test_a_lost_frame_keeps_the_others_rows(frames, poses):
     (frames / "frame_003.png").unlink()
     trace = hj.Trace.read(poses)

@@ -12,6 +12,7 @@ from .frame_files import FrameFiles
 _TIMES = {1: (5e-4, 0.2), 10**6: (500, 2e5), 10**9: (5e5, 2e8)}
 """Steps between frames whose numbers are times, by the parts of a second they count."""
 _GAP_FRAMES = 3.5  # nothing is interpolated across a longer step, as in `Trace`
+_MOST_BEYOND = 0.51  # frames behind the last row: half of one, of rounded times
 _CAUSES = {
     INVERTED: "inverted quaternions: they must be world from head",
     "axes": "the other axes: --axes {other}",
@@ -78,7 +79,7 @@ def aligned(
 
 def _at(trace: Trace, times: np.ndarray) -> Trace:
     """Poses at times within a log, on the shorter arcs; none across a gap."""
-    if times[-1] > trace.t_s[-1] + trace.frame_s / 2:
+    if times[-1] > trace.t_s[-1] + _MOST_BEYOND * trace.frame_s:
         raise ValueError(
             f"{trace.name}: must reach the last frame, at {times[-1]:.6f} s, ends at "
             f"{trace.t_s[-1]:.6f} s."
