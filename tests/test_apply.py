@@ -62,10 +62,13 @@ def test_frames_that_do_not_fit_are_refused(untyped, shape, poses, technique, me
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
-        (np.full((FRAMES, *SIZE), 2.0), r"float64 from 0 to 2"),
+        (np.full((FRAMES, *SIZE), 2.0), r"float64 from 2 to 2"),
         (255 * np.eye(3)[[[[0] * 24] * 18] * 8], r"float64 from 0 to 255"),
-        (np.full((FRAMES, *SIZE), -0.5, np.float16), r"float16 from -0.5 to 0"),
-        (np.array([np.nan, 255.0] * 9)[:, None, None, None], r"float64 from 0 to 255"),
+        (np.full((FRAMES, *SIZE), -0.5, np.float16), r"float16 from -0.5 to -0.5"),
+        (
+            np.array([np.nan, 255.0] * 9)[:, None, None, None],
+            r"float64 from 255 to 255",
+        ),
         (np.zeros((FRAMES, *SIZE), np.int32), r"int32"),
     ],
     ids=["2", "0..255", "-1..1", "NaN and 255", "int32"],
