@@ -203,6 +203,7 @@ WRONG_STUDIES = [
     ),
     (["--scenes=text,coffee"], r"--scenes must be .* by spaces: text coffee\.$"),
     (["--images", "a.png,b.png"], r"separated by spaces: a.png b.png\.$"),
+    (["--images", "a.png," * 60 + "b.png"], r"separated by spaces: a.png .* b.png\.$"),
     (["--sessions", "0"], r"sessions must be a whole number >= 1, got 0"),
     (["--frames", "1"], r"frames must be a whole number >= 2, got 1"),
     (["--warmup", "-1"], r"warmup must be a whole number >= 0, got -1"),
