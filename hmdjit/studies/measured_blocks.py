@@ -41,8 +41,8 @@ class Tiles(eqx.Module):
         """
         width, height = camera.width_px, camera.height_px
         size_px = _largest_divisor(math.gcd(width, height), most_px)
-        if count > (width // size_px) * (height // size_px):
-            size_px = _largest_divisor(size_px, max(1, size_px // 2))
+        while size_px > 1 and count > (width // size_px) * (height // size_px):
+            size_px = _largest_divisor(size_px, size_px // 2)
         if size_px < 4 and max(width, height) > 64:
             raise ValueError(
                 "tiles size_px must divide the camera frame, but no size of 4 to "
