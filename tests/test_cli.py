@@ -223,7 +223,7 @@ WRONG_STUDIES = [
     (["--width", "1000", "--height", "1001"], r"--tile-size must divide .* 1000 x 10"),
     (["--trace", "{trace}", "--tolerance", "0.1"], r"--tolerance and --budget need a"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
-    (["--tiles", "4096"], r"--tiles must lie in \[1, 256\], got 4096"),
+    (["--tiles", "70000"], r"--tiles must lie in \[1, 65536\], got 70000"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
     (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of at"),
     (
