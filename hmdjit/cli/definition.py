@@ -81,6 +81,9 @@ def merged(low: Options, high: Options) -> Options:
         names = {name for way in rivals for name in way}
         if said.keys() & names:
             kept = {name: value for name, value in kept.items() if name not in names}
+    if "head" in said:  # how logs are read says nothing of it
+        logs = [field.name for field in dataclasses.fields(PoseLog)]
+        kept = {name: value for name, value in kept.items() if name not in logs}
     return Options(**kept | said)
 
 
