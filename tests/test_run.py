@@ -242,7 +242,7 @@ def test_settings_of_jax_that_move_numbers_are_of_the_key(tmp_path, simulated):
     ("changes", "seed", "message"),
     [
         ({}, 1, r"other seed\)"),
-        ({"margin_deg": 3}, 0, r"other margin_deg\)"),
+        ({"margin_deg": 3.0}, 0, r"other margin_deg\)"),
         ({"sessions": 3}, 0, r"other sessions\)"),
         ({"scenes": BOARD}, 0, r"other scene noise\)"),
         (
@@ -266,7 +266,7 @@ def test_another_study_s_result_is_not_replaced(
     assert (tmp_path / "result.nc").read_bytes() != before
 
 
-def test_a_study_s_own_part_is_replaced(tmp_path, simulated):
+def test_a_study_s_own_part_is_replaced(tmp_path, simulated, untyped):
     _plain(sessions=4, scenes=BOARD, margin_deg=4).run(out=tmp_path)
     more = [hj.techniques.NoAntialiasing(), hj.techniques.Freeze()]
     _study(techniques=more, sessions=5).run(out=tmp_path)
