@@ -203,6 +203,7 @@ WRONG_STUDIES = [
     ),
     (["--scenes=text,coffee"], r"--scenes must be .* by spaces: text coffee\.$"),
     (["--images", "a.png,b.png"], r"separated by spaces: a.png b.png\.$"),
+    (["--images", "a.png," * 60 + "b.png"], r"separated by spaces: a.png .* b.png\.$"),
     (["--sessions", "0"], r"sessions must be a whole number >= 1, got 0"),
     (["--frames", "1"], r"frames must be a whole number >= 2, got 1"),
     (["--warmup", "-1"], r"warmup must be a whole number >= 0, got -1"),
@@ -222,7 +223,7 @@ WRONG_STUDIES = [
     (["--width", "1000", "--height", "1001"], r"--tile-size must divide .* 1000 x 10"),
     (["--trace", "{trace}", "--tolerance", "0.1"], r"--tolerance and --budget need a"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
-    (["--tiles", "4096"], r"--tiles must lie in \[1, 1024\], got 4096"),
+    (["--tiles", "70000"], r"--tiles must lie in \[1, 65536\], got 70000"),
     (["--seed", "-1"], r"seed must be a whole number >= 0, got -1"),
     (["{bad_value}"], r"bad_value.toml: head_movement.closeness must be a list of at"),
     (

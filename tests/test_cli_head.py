@@ -360,4 +360,4 @@ def test_a_study_reads_logs_as_the_other_commands_do(
         assert study("--trace", ms, *refresh) == 2
         assert "ms.csv: frame rate must lie in [5, 2000]" in capsys.readouterr().err
     assert study("--axes", "unity") == 2
-    assert "axes is of recorded heads: name a trace" in capsys.readouterr().err
+    assert "--axes is of recorded heads: name a --trace." in capsys.readouterr().err

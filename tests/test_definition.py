@@ -98,6 +98,12 @@ def test_the_command_line_overrides_a_files_rivals(low, high):
     assert definition.merged(Options(**low), Options(**high)) == Options(**high)
 
 
+def test_a_head_overrides_how_a_files_logs_are_read():
+    low = Options(trace=(Path("a.csv"),), axes="unity", skip_held=True, frames=4)
+    expected = Options(head="seated", frames=4)
+    assert definition.merged(low, Options(head="seated")) == expected
+
+
 @pytest.mark.parametrize(
     ("said", "message"),
     [

@@ -169,11 +169,11 @@ def test_a_table_is_no_row_of_sessions(untyped, door):
         (lambda: mean_of(np.ones(3), np.ones((3, 1))), r"of 3 sessions, .*\(3, 1\)"),
         (
             lambda: mean_of(np.ones(3), np.array([0, np.nan, 1])),
-            "clusters must name one of each session, 1 have none",
+            "clusters must have a label for each session, 1 have none",
         ),
         (
             lambda: mean_of(np.ones(3), np.ma.masked_greater([0, 1, 2], 0)),
-            "clusters must name one of each session, 2 have none",
+            "clusters must have a label for each session, 2 have none",
         ),
         (
             lambda: control_variate(TABLE[0], TABLE[1], TABLE, 0.5),

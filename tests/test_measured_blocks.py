@@ -244,6 +244,13 @@ def test_more_tiles_than_cells_are_refused():
         Tiles(5, 8).block_size(hj.Camera(16, 16))
 
 
+@pytest.mark.parametrize(("count", "size"), [(1, 64), (4, 32), (10, 16), (4096, 1)])
+def test_default_tiles_are_small_enough_for_their_number(count, size):
+    camera = hj.Camera(64, 64)
+    tiles = Tiles.fitting(camera, count)
+    assert tiles.block_size(camera) == (size, size)
+
+
 def test_unmoved_and_linear_histories_ask_for_wider_halos():
     camera = hj.Camera(96, 96, fov_deg=0.8)
     swing = np.where(np.arange(20) % 2, 4e-4, -4e-4)[:, None] * np.array([1.0, 1.0, 0])

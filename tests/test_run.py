@@ -266,8 +266,8 @@ def test_another_study_s_result_is_not_replaced(
     assert (tmp_path / "result.nc").read_bytes() != before
 
 
-def test_a_study_s_own_part_is_replaced(tmp_path, simulated):
-    _plain(sessions=4, scenes=BOARD).run(out=tmp_path)
+def test_a_study_s_own_part_is_replaced(tmp_path, simulated, untyped):
+    _plain(sessions=4, scenes=BOARD, margin_deg=4).run(out=tmp_path)
     more = [hj.techniques.NoAntialiasing(), hj.techniques.Freeze()]
     _study(techniques=more, sessions=5).run(out=tmp_path)
     (tmp_path / "result.nc").write_bytes(b"of something else")

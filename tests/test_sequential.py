@@ -304,6 +304,8 @@ def test_what_is_no_tile_is_simulated_plainly(measure):
     [
         ({"tolerance": 0.1, "repeat": {"noise": (128, 0)}}, "exclude each other"),
         ({"repeat": {"grey": (128, 0)}}, r"must name the scenes of this .* got grey"),
+        ({"repeat": '{"noise": [128, 0]}'}, "repeat must be numbers by scene, got '{"),
+        ({"repeat": {"noise": 128}}, "of noise must be sessions and paths, got 128"),
         (
             {"repeat": {"noise": (64, 0)}},
             r"sessions of noise must be .* >= 128, got 64",
@@ -316,7 +318,7 @@ def test_what_is_no_tile_is_simulated_plainly(measure):
         ({"tolerance": 0.1, "budget_s": 3.0}, "exclude each other"),
     ],
 )
-def test_wrong_goals_are_refused(options, message):
+def test_wrong_goals_are_refused(options, message, untyped):
     with pytest.raises(ValueError, match=message):
         study().run(0, **options)
 

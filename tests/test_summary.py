@@ -312,6 +312,13 @@ def test_what_holds_with_a_ratio_holds_with_their_geometric_mean():
     assert one.ratio_high - one.ratio_low > 1.5 * (known.ratio_high - known.ratio_low)
 
 
+def test_what_removes_all_flicker_of_a_scene_does_so_with_any_head():
+    data = study()
+    data["mtcd"].loc["head_movement", "text"] = 0.0
+    row = by_cell(summarize(fitted(data)))["head_movement", "geometric mean"]
+    assert (row.ratio, row.ratio_low, row.ratio_high) == (0, 0, 0)
+
+
 def test_intervals_of_a_head_that_is_taken_as_known_say_so():
     expected = by_cell(summarize(study()))["msaa4", "all"]
     row = by_cell(summarize(fitted(study(), error=math.nan)))["msaa4", "all"]

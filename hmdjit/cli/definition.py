@@ -81,6 +81,9 @@ def merged(low: Options, high: Options) -> Options:
         names = {name for way in rivals for name in way}
         if said.keys() & names:
             kept = {name: value for name, value in kept.items() if name not in names}
+    if "head" in said:  # how logs are read says nothing of it
+        logs = [field.name for field in dataclasses.fields(PoseLog)]
+        kept = {name: value for name, value in kept.items() if name not in logs}
     return Options(**kept | said)
 
 
@@ -223,7 +226,9 @@ def _head(options: Options) -> HeadMotion | Replay:
     if not options.trace:
         for field in dataclasses.fields(PoseLog):
             if getattr(options, field.name):
-                raise ValueError(f"{field.name} is of recorded heads: name a trace.")
+                raise ValueError(
+                    f"{spoken(field.name)} is of recorded heads: name a --trace."
+                )
         return head_model(options.head or HEAD)
     traces = tuple(options.read_trace(path) for path in options.trace)
     return Replay(traces, rate_hz=options.refresh)

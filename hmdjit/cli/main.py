@@ -2,9 +2,9 @@
 
 import codecs
 import io
+import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import rich.console
@@ -73,7 +73,7 @@ def _hinted(error: str, arguments: Sequence[str]) -> str:
     """Say too how several names are given, where an argument joined them by commas."""
     for argument in arguments:
         names = argument.partition("=")[2] if argument[:2] == "--" else argument
-        if "," in names and names in error and not Path(names).exists():
+        if "," in names and names in error and not os.path.exists(names):
             apart = " ".join(name.strip() for name in names.split(",") if name)
             end = "" if error.endswith((".", "?")) else "."
             return f"{error}{end} Several are separated by spaces: {apart}."

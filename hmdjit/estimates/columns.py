@@ -37,12 +37,14 @@ def labels(name: str, values: Any, sessions: int) -> Subjects:
     found = np.ma.asarray(values)
     if found.shape != (sessions,):
         raise ValueError(
-            f"{name} must name one of each of {sessions} sessions, got an array of "
-            f"shape {found.shape}."
+            f"{name} must have a label for each of {sessions} sessions, got an array "
+            f"of shape {found.shape}."
         )
     missing = int(np.ma.count_masked(found) + np.sum(found.data != found.data))
     if missing:
-        raise ValueError(f"{name} must name one of each session, {missing} have none.")
+        raise ValueError(
+            f"{name} must have a label for each session, {missing} have none."
+        )
     return found.data
 
 

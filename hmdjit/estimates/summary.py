@@ -246,7 +246,8 @@ class _Table:
             x, y = mtcd[technique], mtcd[self.baseline]
             clusters, policy = self.cells[0].clusters, self.nan_policy
             found = geometric_mean_ratio(x, y, clusters, nan_policy=policy)
-            found = self._with_head(found, mean)
+            # Of a scene without any flicker it is exactly 0, whatever the head.
+            found = self._with_head(found, mean if found.value else none(NO_FLICKER))
             known = sum(math.isfinite(row.ratio) for row in rows)
             count = int(np.isfinite(x + y).any(axis=0).sum())
         note = "" if known == len(rows) else f"over {known} of {len(rows)} scenes"

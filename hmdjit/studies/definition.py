@@ -52,11 +52,6 @@ class StudyDefinition(eqx.Module):
             raise ValueError("techniques must name at least one technique, got none.")
         for technique in self.techniques:
             check_declared(technique)
-        for name, scene in self.scenes.items():
-            if not isinstance(scene, AbstractScene):
-                raise ValueError(
-                    f"scene {name} must be an AbstractScene, got {scene!r}."
-                )
         if not isinstance(self.head, Head):
             raise ValueError(f"head must be a HeadMotion or Replay, got {self.head!r}.")
         ids = [technique.id for technique in self.techniques]

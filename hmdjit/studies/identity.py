@@ -77,6 +77,7 @@ def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str
     parts = {name: getattr(study, name) for name in fields}
     scenes, techniques = parts.pop("scenes"), parts.pop("techniques")
     del parts["sessions"]
+    parts["margin_deg"] = float(study.margin_deg)  # 6 is 6.0
     parts |= {"seed": seed, "tolerance or budget": goal, "model version": MODEL_VERSION}
     parts |= {f"scene {name}": scene for name, scene in scenes.items()}
     parts |= {f"technique {technique.id}": technique for technique in techniques}

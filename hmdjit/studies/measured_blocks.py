@@ -34,22 +34,23 @@ class Tiles(eqx.Module):
 
     @classmethod
     def fitting(cls, camera: Camera, count: int = 2, most_px: int = 64) -> "Tiles":
-        """Tiles of the largest size, up to 64 px, that the frame holds in a grid.
+        """Tiles of the largest size, up to 64 px, of which a grid has so many.
 
         **Errors:** `ValueError` where so little of a larger frame says next to nothing:
         below 4 px.
         """
         width, height = camera.width_px, camera.height_px
-        size_px = _largest_divisor(math.gcd(width, height), most_px)
-        if count > (width // size_px) * (height // size_px):
-            size_px = _largest_divisor(size_px, max(1, size_px // 2))
-        if size_px < 4 and max(width, height) > 64:
+        common = math.gcd(width, height)
+        least_px = 4 if max(width, height) > 64 else 1
+        sizes = [d for d in range(least_px, most_px + 1) if common % d == 0]
+        if not sizes:
             raise ValueError(
                 "tiles size_px must divide the camera frame, but no size of 4 to "
                 f"{most_px} px divides {width} x {height}: measure the whole frame, a "
-                f"central crop, or tiles of {size_px} px."
+                f"central crop, or tiles of {_largest_divisor(common, most_px)} px."
             )
-        return cls(count, size_px)
+        enough = [d for d in sizes if width * height >= count * d * d]
+        return cls(count, max(enough, default=min(sizes)))
 
     def __str__(self) -> str:
         tiles = "1 tile" if self.count == 1 else f"{self.count} tiles"

@@ -70,12 +70,14 @@ def _absorb(digest: Any, part: Any) -> None:
             if field.name not in _NAMES:
                 digest.update(field.name.encode())
                 _absorb(digest, getattr(part, field.name))
+    elif callable(part):
+        digest.update(_called(part).encode())  # what it does, no version knows
     else:
-        raise TypeError(f"cannot take the fingerprint of a {type(part).__name__}.")
+        raise TypeError(f"cannot take the fingerprint of: {type(part).__name__}.")
 
 
 def without_version(*parts: Any) -> list[str]:
-    """Name the classes in some objects whose code is known by no version."""
+    """Name the classes and functions in some objects that no version knows."""
     found: list[str] = []
     for part in parts:
         if isinstance(part, Mapping):
@@ -88,7 +90,13 @@ def without_version(*parts: Any) -> list[str]:
                 found.append(kind.__qualname__)
             fields = dataclasses.fields(kind)
             found += without_version(*(getattr(part, field.name) for field in fields))
+        elif callable(part):
+            found.append(_called(part))
     return found
+
+
+def _called(function: Any) -> str:
+    return getattr(function, "__qualname__", type(function).__qualname__)
 
 
 def _is_ours(kind: type) -> bool:

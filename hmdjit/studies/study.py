@@ -4,6 +4,8 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .. import _checks
 from ..head_motion import HeadMotion
 from .definition import StudyDefinition, check_seed
@@ -121,12 +123,19 @@ class Study(StudyDefinition):
         if budget_s is not None:
             _checks.in_range("budget, s", budget_s, 0, open_low=True)
         if repeat is not None:
+            if not isinstance(repeat, Mapping):
+                raise ValueError(f"repeat must be numbers by scene, got {repeat!r}.")
             if set(repeat) != set(self.scenes):
                 raise ValueError(
                     "repeat must name the scenes of this study, "
                     f"{', '.join(self.scenes)}, got {', '.join(repeat) or 'none'}."
                 )
-            for name, (sessions, paths) in repeat.items():
+            for name, numbers in repeat.items():
+                if np.shape(numbers) != (2,):
+                    raise ValueError(
+                        f"repeat of {name} must be sessions and paths, got {numbers!r}."
+                    )
+                sessions, paths = numbers
                 _checks.whole(f"repeat sessions of {name}", sessions, LEAST_SESSIONS)
                 _checks.whole(f"repeat paths of {name}", paths, 0)
         if not isinstance(self.head, HeadMotion):
