@@ -15,7 +15,7 @@ from hmdjit.studies.measured_blocks import Tiles
 
 # Optimising a program takes longer than all the rest of a test.
 quickly = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": "0"}
+    jax.jit, compiler_options={"xla_backend_optimization_level": "1"}
 )
 
 WIDTH, HEIGHT, FRAMES = 24, 18, 8
