@@ -8,7 +8,7 @@ Makes the pages and pictures whose numbers are of another model than today's, wh
 wants an idle machine for an hour or two; or names them. Traces are those of `heads.py`.
 
     python examples/pages.py --traces FOLDER
-    python examples/pages.py --check
+    python examples/pages.py --check heads trade_off
 """
 
 import argparse
@@ -113,10 +113,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("names", nargs="*", help="how their names begin (default: all)")
     parser.add_argument("--check", action="store_true", help="name them, make none")
     parser.add_argument("--traces", help="folder of SET_PERSON_*.csv, for `heads.py`")
     options = parser.parse_args()
-    found = old(FOLDER)
+    names = tuple(options.names) or ""
+    found = [file for file in old(FOLDER) if file.startswith(names)]
     if options.check:
         sys.exit(f"not of {made_by()}: {', '.join(found)}" if found else 0)
     if STUDY in found:
