@@ -97,6 +97,9 @@ def test_every_door_checks_it(technique, untyped):
         small.study(techniques=[technique], baseline="mine").run(0)
     with pytest.raises(ValueError, match="must"):
         hj.techniques.check(technique)
+    frames = np.zeros((len(small.STILL), *small.SIZE))
+    with pytest.raises(ValueError, match="must"):
+        hj.apply(technique, small.CAMERA, frames, small.STILL)
 
 
 @pytest.mark.parametrize(

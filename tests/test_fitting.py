@@ -281,7 +281,7 @@ def test_a_head_file_keeps_the_fits_error_and_a_study_says_it(tmp_path):
     said = identity.attributes(small.study(head=read), 0)
     names = ("head_fit_error", "head_fit_clusters", "head_fit_over")
     assert [said[name] for name in names] == [0.0625, 12, "12 subjects"]
-    words = "fitted to 12 subjects: intervals hold how much it turns, ± 6.2 %, but not"
+    words = "12 subjects: intervals include the error of how much it turns, ± 6.2 %"
     assert words in identity.footer(xarray.Dataset({"x": ("session", [0])}, attrs=said))
     preset = identity.attributes(small.study(), 0)
     assert np.isnan(preset["head_fit_error"])

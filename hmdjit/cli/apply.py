@@ -140,6 +140,8 @@ class ApplyCommand(PoseLog):
             )
         folders = self._folders(frames, ids)
         if self.csv is not None:
+            if self.csv.is_dir():
+                raise ValueError(f"csv must be a file, got the folder {self.csv}.")
             check_can_write(self.csv.parent)
         size = frames.size()
         for note in frames.notes():
@@ -216,6 +218,9 @@ class ApplyCommand(PoseLog):
         if self.fov is not None:
             fov_deg, fov = self.fov, "as given"
         if self.poses is None:
+            self.refuse("is of a log of poses: name one.")
+            if self.first_row is not None:
+                raise ValueError("--first-row is of a log of poses: name one.")
             rate_hz = 60.0 if self.refresh is None else self.refresh
             return Camera(*size, fov_deg, rate_hz), None
         trace = self.read_trace(self.poses)

@@ -224,11 +224,7 @@ def head_model(head: str) -> HeadMotion:
 
 def _head(options: Options) -> HeadMotion | Replay:
     if not options.trace:
-        for field in dataclasses.fields(PoseLog):
-            if getattr(options, field.name):
-                raise ValueError(
-                    f"{spoken(field.name)} is of recorded heads: name a --trace."
-                )
+        options.refuse("is of recorded heads: name a --trace.")
         return head_model(options.head or HEAD)
     traces = tuple(options.read_trace(path) for path in options.trace)
     return Replay(traces, rate_hz=options.refresh)

@@ -65,6 +65,12 @@ class PoseLog:
         bool, shown("", "Leave out their rows that repeat the pose before.")
     ] = False
 
+    def refuse(self, why: str) -> None:
+        """Raise if any of it is said, where there is no log."""
+        for field in dataclasses.fields(PoseLog):
+            if getattr(self, field.name):
+                raise ValueError(f"{spoken(field.name)} {why}")
+
     def read_trace(self, path: Path) -> Trace:
         """Read a log of a rate that may be; the user must be told its `notes`."""
         with warnings.catch_warnings():

@@ -77,6 +77,9 @@ def fit(
 
     **Errors:** `NoFitError`, a `ValueError`, where no curve can be fitted.
     """
+    if without_version(study.scenes):  # what they compute with may have changed
+        journal = None
+        jax.clear_caches()
     sessions = _Measuring(study, space, lag_weight, seed, progress)
     bound = sessions.kim_detail_loss if detail_loss is None else detail_loss
     _checks.in_range("detail loss", bound, 0, open_low=True)
@@ -87,8 +90,6 @@ def fit(
         [float(study.margin_deg), jnp.result_type(float).name],
         list(study.scenes.values()),
     )
-    if without_version(study.scenes):  # which may have changed since
-        journal = None
     front = Front(sessions.problem, journal, key, progress)
     known = {FIRST_WEIGHT: front.first([np.asarray(start) for start in space.starts()])}
     known |= {weight: front.along(weight) for weight in FRONT_WEIGHTS}

@@ -14,6 +14,7 @@ from ..camera import Camera, Region
 from ..frames.frame import Frame
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..techniques.base import AbstractTechnique
+from ..techniques.contract import check_contract
 
 
 @jax.jit
@@ -67,6 +68,7 @@ def apply(
     **Errors:** `ValueError` if sizes, numbers of frames or of samples disagree, or for
     frames of any other dtype or range.
     """
+    check_contract(technique)
     frames = _checks.colors("frames", frames)
     frames = frames.astype(jnp.float32) if frames.dtype.itemsize < 4 else frames
     size = (camera.height_px, camera.width_px, 3)

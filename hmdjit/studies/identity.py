@@ -102,8 +102,8 @@ def _head_words(known: Mapping[str, Any]) -> str:
     if math.isnan(error):
         return ", taken as known: intervals are given this head"
     return (
-        f", fitted to {known['head_fit_over']}: intervals hold how much it turns, ± "
-        f"{100 * error:.1f} %, but not how smoothly"
+        f", fitted to {known['head_fit_over']}: intervals include the error of how "
+        f"much it turns, ± {100 * error:.1f} %, but not of how smoothly"
     )
 
 
