@@ -280,10 +280,8 @@ class Trace(eqx.Module):
         """
         _checks.whole("frames", frames, 2)
         parts, own_hz = self.parts(), self.rate_hz
-        longest_s = max(
-            np.max(np.diff(trace_clock.even_times(part.t_s, self.frame_s)))
-            for part in parts
-        )
+        even = (trace_clock.even_times(part.t_s, self.frame_s) for part in parts)
+        longest_s = max(np.max(np.diff(times)) for times in even)
         if rate_hz is None and longest_s > 1.5 * self.frame_s:
             rate_hz = own_hz
         if rate_hz is not None:
