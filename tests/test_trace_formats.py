@@ -270,7 +270,7 @@ def test_an_ambiguous_unit_is_refused(file, step):
     text = table(["time", "w", "x", "y", "z"], [step * np.arange(4), rows])
     message = message_of(file(text))
     assert message.startswith("me.csv, line 2, column time: the median step")
-    assert "option time_unit (s, ms, us, ns)" in message
+    assert "option time_unit, --time-unit (s, ms, us, ns)" in message
     trace = Trace.read(file(text), time_unit="s")
     np.testing.assert_allclose(trace.t_s, step * np.arange(4))
 

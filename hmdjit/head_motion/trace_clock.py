@@ -110,6 +110,6 @@ def rate_hz(name: str, t_s: _Times, frame_s: float) -> float:
         raise ValueError(
             f"{name}: frame rate must lie in [{low:g}, {high:g}] Hz, got "
             f"{_checks.apart(rate, low, high)} Hz; name the unit of "
-            "its times by the option time_unit."
+            "its times by the option time_unit (--time-unit)."
         )
     return rate

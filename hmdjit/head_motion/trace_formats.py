@@ -220,7 +220,7 @@ def _seconds(table: Table, times: _Times, unit: str | None) -> tuple[_Times, str
     if not unit and not fits:
         raise ValueError(
             f"{table.where(0, 0)}: the median step {median:g} does not tell the unit; "
-            f"name it with the option time_unit ({', '.join(UNITS)})."
+            f"name it with the option time_unit, --time-unit ({', '.join(UNITS)})."
         )
     found = unit or fits[0]
     in_s = times if found == "s" else elapsed / UNITS[found][0]

@@ -52,5 +52,6 @@ def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator
         yield (
             f"{name}: poses are held: {is_repeat.sum()} of {len(poses)} rows repeat "
             f"the pose before them; new ones come at {rate_hz:.4g} Hz. What moves in "
-            "such steps flickers as no head does: the option skip_held leaves them out."
+            "such steps flickers as no head does: the option skip_held (--skip-held) "
+            "leaves them out."
         )
