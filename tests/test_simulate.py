@@ -104,9 +104,12 @@ def test_every_frame_is_stepped_once_and_frames_minus_one_pairs_are_measured(rng
 
 @pytest.mark.slow
 def test_one_compilation_serves_all_numbers(rng):
+    def traced():  # but for a small frame at the door
+        return sum(frame.color.shape[-2:] == (HEIGHT, WIDTH) for frame in TRACED)
+
     # Camera, poses, texture, region and the technique's numbers are leaves.
     simulated(Counting(jnp.asarray(rng.random(FRAMES))), small.texture(rng), path(rng))
-    traces = len(TRACED)
+    traces = traced()
     assert traces >= 1
     technique = Counting(jnp.asarray(rng.random(FRAMES)))
     camera = hj.Camera(WIDTH, HEIGHT, fov_deg=2.0, refresh_hz=90.0)
@@ -114,7 +117,7 @@ def test_one_compilation_serves_all_numbers(rng):
     whole = hj.Region(0, 0, WIDTH, HEIGHT)
     hj.simulate(small.texture(rng), camera, technique, poses)
     hj.simulate(small.texture(rng), camera, technique, poses, region=whole)
-    assert len(TRACED) == traces
+    assert traced() == traces
 
 
 def test_one_compilation_serves_all_numbers_of_head_movement(rng):

@@ -561,6 +561,13 @@ def test_recorded_traces_have_the_rate_and_speed_of_their_table(shared):
 # --- rounded times ---
 
 
+def test_lost_frames_of_a_short_log_are_not_taken_for_rounded_times(rng):
+    for _ in range(50):
+        kept = np.sort(rng.permutation(np.arange(1, 29))[3:])
+        t_s = np.concatenate([[0], kept, [29]]) / 90
+        assert yawing(t_s).rate_hz == pytest.approx(90.0, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "tick_s", "rows"),
     [
@@ -573,7 +580,7 @@ def test_recorded_traces_have_the_rate_and_speed_of_their_table(shared):
         (60.0, 1 / 64, 30),
         (59.94, 0.0156, 30),
         (72.0, 0.01, 300),
-        (62.0, 0.01, 300),
+        (62.0, 0.01, 600),
         (98.0, 0.01, 900),
     ],
 )

@@ -46,6 +46,8 @@ def _is_rounded(t_s: _Times, frame_s: float) -> bool:
     uneven = np.count_nonzero(np.rint(np.diff(t_s) / frame_s) != 1)
     mean_s = (t_s[-1] - t_s[0]) / max(len(t_s) - 1, 1)
     is_tick = np.isclose(frame_s, _TICKS_S, rtol=1e-4, atol=0).any()
+    if not is_tick and len(t_s) < _LEAST_ROWS:  # a few lost frames may be as regular
+        return False
     # The line through a few long steps, as of a short clip, strays by up to 0.4 frames.
     least, most = (1, 1.4) if is_tick else (_LEAST_UNEVEN, _MOST_OFF_FRAMES)
     if uneven < least or mean_s > _MOST_MEAN_FRAMES * frame_s:
