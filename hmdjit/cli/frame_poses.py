@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..head_motion import Trace
+from ..head_motion.trace_clock import gaps
 from ..simulation.pose_fit import INVERTED, WITHOUT, PoseFit
 from .frame_files import FrameFiles
 
 _TIMES = {1: (5e-4, 0.2), 10**6: (500, 2e5), 10**9: (5e5, 2e8)}
 """Steps between frames whose numbers are times, by the parts of a second they count."""
-_GAP_FRAMES = 3.5  # nothing is interpolated across a longer step, as in `Trace`
 _MOST_BEYOND = 0.51  # frames behind the last row: half of one, of rounded times
 _CAUSES = {
     INVERTED: "inverted quaternions: they must be world from head",
@@ -86,8 +86,9 @@ def _at(trace: Trace, times: np.ndarray) -> Trace:
         )
     inside = _within(trace, times)
     after = np.clip(np.searchsorted(trace.t_s, inside), 1, len(trace.t_s) - 1)
-    steps = trace.t_s[after] - trace.t_s[after - 1]
-    for frame in np.flatnonzero(steps > _GAP_FRAMES * trace.frame_s)[:1]:
+    steps = np.diff(trace.t_s)[after - 1]
+    is_gap = gaps(trace.t_s, trace.frame_s)[after - 1]
+    for frame in np.flatnonzero(is_gap)[:1]:
         raise ValueError(
             f"{trace.name}: must have poses around each frame, got a gap of "
             f"{steps[frame]:.4g} s at {times[frame]:.6f} s."

@@ -20,7 +20,7 @@ from ..head_motion import HeadMotion, Trace, presets
 from ..head_motion.trace_clock import RATES_HZ
 from ..reports import head as head_report
 from ..studies.identity import counted
-from ..studies.sessions import study_key
+from ..studies.sessions import drawn_alike, study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
 from .options import OK, PoseLog, files_beside, shown
@@ -162,7 +162,8 @@ class Sample:
         longest_s = _MOST_FRAMES / rate_hz
         _checks.in_range("seconds", self.seconds, spectra.WINDOW_S, longest_s)
         frames = round(self.seconds * rate_hz) + 1
-        path = head.rotation_vectors(study_key(self.seed), rate_hz, frames)
+        with drawn_alike():
+            path = head.rotation_vectors(study_key(self.seed), rate_hz, frames)
         poses = Rotation.from_rotvec(np.array(path, float)).as_quat(scalar_first=True)
         trace = Trace(np.arange(frames) / rate_hz, poses, name=self.out.name)
         draws = max(1, min(_DRAWS, _MOST_DRAWN_FRAMES // frames))

@@ -242,7 +242,10 @@ _mean_interval = lambda *x: _interval(_mean(*x))
 _derivative = intervals.log_ratio_derivative_interval
 _geometric = intervals.geometric_mean_ratio, "scenes", _exact_geometric_mean
 _ALL: Any = {"name": "estimates.estimate.ratio, geometric_mean, pairing_gain"}
-_LEVELS = [of.numbers("looks 1 to 199", *range(1, 200, 5))], {"float64": Bound(8)}
+_LEVELS = (
+    [of.numbers("interim analyses 1 to 199", *range(1, 200, 5))],
+    {"float64": Bound(8)},
+)
 _SLOPES: Any = {"count": 264, "kept": _is_known}
 
 ESTIMATES = [
