@@ -4,7 +4,6 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
-import jax
 import numpy as np
 import rich.console
 import tyro
@@ -229,8 +228,8 @@ def _beside(
     draws: int = _DRAWS,
 ) -> Goodness:
     """Hold a model against heads, and print both."""
-    with console.status("drawing from the model"):
-        key = jax.random.key(0)
+    with console.status("drawing from the model"), drawn_alike():
+        key = study_key(0)
         goodness = statistics.goodness(key, head, segments, rate_hz, draws=draws)
     head_report.print_goodness(console, goodness, word=word)
     return goodness
