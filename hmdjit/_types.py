@@ -20,7 +20,9 @@ Quaternion = Float[Array, "4"]
 RotationVector = Float[Array, "3"]
 """Axis times angle, rad."""
 
-Poses = Float[Array, "frames 4"]
+Poses = Float[Array, "frames 4"] | Float[Array, "frames 7"]
+"""`world_from_head`, `wxyz`; and where it is known the eye's position, m."""
+
 Path = Float[Array, "frames 3"]
 """A rotation vector per frame, rad."""
 

@@ -64,7 +64,7 @@ FOLDERS = {
     ],
     "frames": [
         ("motion", "displacement", "resampling"),
-        ("frame",),
+        ("neck", "frame"),
         ("sources",),
     ],
     "scenes": [("base",), ("baking", "stored"), ("*",), ("study_set",)],

@@ -185,17 +185,24 @@ def test_a_technique_that_needs_more_than_a_scene_gives_is_refused():
         def needs(self):
             return frozenset({"color", "depth"})
 
+    class Flat(hj.scenes.AbstractFlatScene):
+        name: str = eqx.field(static=True, default="flat")
+        gives = frozenset({"color", "supersampled"})
+
+        def plane_color(self, camera, x, y):
+            return jnp.zeros((3, *x.shape), x.dtype)
+
     message = "average needs depth, which noise does not give"
     with pytest.raises(ValueError, match=message):
         hj.Study(
-            scenes={"noise": hj.scenes.power_law_noise()},
+            scenes={"noise": Flat()},
             techniques=(Deep(),),
             baseline="average",
             head=HEAD,
         )
     poses = HEAD.sample(jax.random.key(0), 60.0, 4)
     with pytest.raises(ValueError, match="average needs depth, which this scene"):
-        hj.simulate(hj.scenes.power_law_noise(), CAMERA, Deep(), poses)
+        hj.simulate(Flat(), CAMERA, Deep(), poses)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ from small import quickly
 
 from hmdjit import rendering, scenes
 from hmdjit.camera import Camera, Region
+from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import Texture
 from hmdjit.scenes.base import AbstractFlatScene
+from hmdjit.simulation.views import Pattern
 from hmdjit.techniques import MSAA, SSAA, NoAntialiasing
 
 WIDTH, HEIGHT, FOV_DEG = 12, 9, 40.0
@@ -64,12 +66,11 @@ def centres(region):
 
 @quickly
 def resolved(technique, texture, region, offset):
-    samples = technique.sample_offsets_px[0]
-    by_reference = technique.reads_supersampled
+    pattern = Pattern.of(technique, texture.gives)
+    now, samples = Motion(offset, offset), np.asarray(pattern.samples[0])
+    channels = pattern.channels
     return technique.resolve(
-        rendering.render(
-            texture, CAMERA, region, offset, samples, supersampled=by_reference
-        )
+        rendering.render(texture, CAMERA, region, now, samples, channels=channels)
     )
 
 
@@ -94,7 +95,7 @@ def noise(rng, ramp):
 def test_a_sample_is_the_texture_where_its_turned_ray_meets_it(noise, region):
     samples = np.array([[0.25, -0.25], [0.0, 0.0], [-0.5, 0.4]])
     render = quickly(
-        lambda offset: rendering.render(noise, CAMERA, region, offset, samples)
+        lambda r: rendering.render(noise, CAMERA, region, Motion(r, r), samples)
     )
     frame = render(jnp.asarray(TURN))
     for sample, ours in zip(samples, frame.color, strict=True):
@@ -160,11 +161,12 @@ def test_a_frame_holds_colour_and_nothing_else(noise):
 
     @quickly
     def render(offset):
-        frame, reference = (
-            rendering.render(noise, CAMERA, WHOLE, offset, samples, supersampled=flag)
-            for flag in (False, True)
+        now = Motion(offset, offset)
+        frame, one_read = (
+            rendering.render(noise, CAMERA, WHOLE, now, where, channels={name})
+            for where, name in ((samples, "color"), (np.zeros((1, 2)), "supersampled"))
         )
-        return frame, reference, rendering.reference(noise, CAMERA, WHOLE, offset)
+        return frame, one_read, rendering.reference(noise, CAMERA, WHOLE, now)
 
     frame, one_read, reference = render(jnp.asarray(TURN))
     assert frame.color.shape == (4, 3, HEIGHT, WIDTH)
@@ -202,9 +204,9 @@ def test_what_is_no_texture_is_refused(color, message):
 
 def test_samples_may_change_from_frame_to_frame(noise):
     # Traced, not constants of the program.
-    offset = jnp.asarray(TURN)
+    now = Motion(jnp.asarray(TURN), jnp.asarray(TURN))
     render = quickly(
-        lambda samples: rendering.render(noise, CAMERA, WHOLE, offset, samples).color
+        lambda where: rendering.render(noise, CAMERA, WHOLE, now, where).color
     )
     expected = shown(NoAntialiasing(), noise, TURN)
     at_centre, elsewhere = (render(jnp.full((1, 2), px))[0] for px in (0.0, 0.3))

@@ -1,11 +1,13 @@
 """Where the sources of a region's pixels lie, and how sources are read there."""
 
+import abc
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .. import _checks, camera_bounds
 from .. import camera as pinhole
@@ -57,7 +59,79 @@ SLICES = Reading("slices")
 AT_REST = Reading("at_rest")
 
 
-class Displacement(eqx.Module):
+class AbstractDisplacement(eqx.Module):
+    """Where the sources of a region's pixels lie, px from each pixel's centre."""
+
+    @abc.abstractmethod
+    def field(self) -> Callable[[], tuple[Plane, Plane]]:
+        """Return `px` as a function, its scalars computed already."""
+
+    def px(self) -> tuple[Plane, Plane]:
+        """Source position from each pixel's centre, px, two `(height, width)`."""
+        return self.field()()
+
+    @abc.abstractmethod
+    def span(self) -> Float[Array, "2 2"]:
+        """Smallest and largest `(dx, dy)` over the region, px; never too narrow."""
+
+    @abc.abstractmethod
+    def inside(self) -> Mask:
+        """Whether the source lies in the camera frame and in front of the camera."""
+
+    @property
+    @abc.abstractmethod
+    def _numbers(self) -> tuple[Array, ...]:
+        """What it was made of."""
+
+    @property
+    def dtype(self) -> jnp.dtype:
+        """Type of its floats."""
+        return self._numbers[0].dtype
+
+    def is_finite(self) -> Bool[Array, ""]:
+        """Whether what it was made of is finite."""
+        first, *others = (jnp.isfinite(numbers).all() for numbers in self._numbers)
+        return functools.reduce(jnp.logical_and, others, first)
+
+
+class DisplacementField(AbstractDisplacement):
+    """Sources that lie anywhere: one displacement per pixel.
+
+    - `dx`, `dy`: px, `(height, width)`; a source that no pixel can show lies far off.
+    - `bounds`: smallest and largest `(dx, dy)`, px; None finds them.
+    """
+
+    camera: Camera
+    region: Region
+    dx: Plane
+    dy: Plane
+    bounds: Float[Array, "2 2"] | None = None
+    reading: Reading = GATHER
+
+    def field(self) -> Callable[[], tuple[Plane, Plane]]:
+        """Return the field."""
+        return lambda: (self.dx, self.dy)
+
+    def span(self) -> Float[Array, "2 2"]:
+        """Return the bounds, or the extremes of the field."""
+        if self.bounds is not None:
+            return self.bounds
+        ends = [[f(self.dx), f(self.dy)] for f in (jnp.min, jnp.max)]
+        return jnp.stack([jnp.stack(end) for end in ends])
+
+    def inside(self) -> Mask:
+        """Whether the source lies in the camera frame."""
+        x = self.region.columns().astype(self.dx.dtype) + 0.5 + self.dx
+        y = self.region.rows().astype(self.dy.dtype) + 0.5 + self.dy
+        in_width = (x >= 0) & (x <= self.camera.width_px)
+        return in_width & (y >= 0) & (y <= self.camera.height_px)
+
+    @property
+    def _numbers(self) -> tuple[Array, ...]:
+        return self.dx, self.dy
+
+
+class Displacement(AbstractDisplacement):
     """Where the sources of a region's pixels lie when their rays are turned.
 
     A formula, not a field: sources evaluate it where they need it.
@@ -82,9 +156,9 @@ class Displacement(eqx.Module):
             x, y = x + self.sample_px[0], y + self.sample_px[1]
         return x, y
 
-    def px(self) -> tuple[Plane, Plane]:
-        """Source position from each pixel's centre, px, two `(height, width)`."""
-        return self.field()()
+    @property
+    def _numbers(self) -> tuple[Array, ...]:
+        return (self.rotation,)
 
     def field(self) -> Callable[[], tuple[Plane, Plane]]:
         """Return `px` as a function, its scalars computed already."""
@@ -176,3 +250,6 @@ class Displacement(eqx.Module):
         is_whole = jnp.all((first + low >= 0) & (first + size + high <= end))
         everywhere = lambda: jnp.ones((region.height, region.width), bool)
         return jax.lax.cond(is_whole, everywhere, each)
+
+
+AnyDisplacement = Displacement | DisplacementField

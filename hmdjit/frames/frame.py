@@ -3,11 +3,33 @@
 from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Shaped
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, DTypeLike, Float, Int, Shaped
 
-from .._types import RotationVector, Samples
+from .._types import Plane, Rgb, RotationVector, Samples
 from ..camera import Camera, Region
-from .displacement import GATHER, Displacement, Reading
+from .displacement import (
+    GATHER,
+    AnyDisplacement,
+    Displacement,
+    DisplacementField,
+    Reading,
+)
+from .motion import Motion
+
+CHANNELS: Mapping[str, tuple[int, DTypeLike | None]] = {
+    "color": (3, None),
+    "albedo": (3, None),
+    "depth": (1, None),
+    "velocity": (2, None),
+    "object_id": (1, jnp.int32),
+    "motion_class": (1, jnp.int32),
+    "coverage": (1, jnp.int32),
+}
+"""Planes of each channel, and their dtype; None is the colours'."""
+
+MOTION_CLASSES = ("static", "rigid", "deforming")
+"""What the numbers of the channel `motion_class` mean."""
 
 
 class Frame(eqx.Module):
@@ -19,7 +41,9 @@ class Frame(eqx.Module):
       everywhere.
     - `reading`: how techniques read their history.
     - `channels`: what else the technique needs, by name, one plane or stack of planes
-      per sample, `(samples, channels, height, width)`.
+      per sample, `(samples, channels, height, width)`. See the properties.
+    - `velocity_bounds`: smallest and largest displacement of `reprojection`, px, where
+      it is a field.
     """
 
     color: Samples
@@ -30,7 +54,42 @@ class Frame(eqx.Module):
     channels: Mapping[str, Shaped[Array, "samples channels height width"]] = eqx.field(
         default_factory=dict
     )
+    velocity_bounds: Float[Array, "2 2"] | None = None
+
+    @property
+    def depth(self) -> Plane:
+        """Distance from the eye along -z, m, of the first sample; inf of background."""
+        return self.channels["depth"][0, 0]
+
+    @property
+    def object_id(self) -> Int[Array, "height width"]:
+        """Which object the first sample sees; 0 is the background."""
+        return self.channels["object_id"][0, 0]
+
+    @property
+    def motion_class(self) -> Int[Array, "height width"]:
+        """Whether that is static (0), rigid (1) or deforming (2)."""
+        return self.channels["motion_class"][0, 0]
+
+    @property
+    def albedo(self) -> Rgb:
+        """Gamma colour of the first sample's surface before it is lit."""
+        return self.channels["albedo"][0]
 
     def displacement(self, rotation: RotationVector) -> Displacement:
         """Where the sources of this frame's pixels lie when their rays are turned."""
         return Displacement(self.camera, self.region, rotation, None, self.reading)
+
+    def reprojection(self, motion: Motion) -> AnyDisplacement:
+        """Where the content of each pixel was in the last frame.
+
+        For techniques that need `velocity`. A formula where only the head turns; else
+        against the channel `velocity`, which says how the content of the first sample
+        moved since the last frame: px, x to the right and y down.
+        """
+        if "velocity" not in self.channels:
+            return self.displacement(motion.increment)
+        dx, dy = -self.channels["velocity"][0]
+        return DisplacementField(
+            self.camera, self.region, dx, dy, self.velocity_bounds, self.reading
+        )

@@ -13,17 +13,19 @@ from collections.abc import Collection, Iterator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
 from .. import _checks, camera_bounds
-from .._types import Picture, Plane, Planes, Rgb, RotationVector, WholeNumber
+from .._types import Picture, Plane, Planes, Rgb, WholeNumber
 from ..camera import Camera, Region
 from . import resampling
-from .displacement import GATHER, Displacement, Reading
+from .displacement import GATHER, AnyDisplacement, Displacement, Reading
+from .frame import CHANNELS
 from .motion import Motion
 from .resampling import Texels
 
-Reads = list[Displacement | None]
+Reads = list[AnyDisplacement | None]
 
 _recorded: contextvars.ContextVar[Reads | None]
 _recorded = contextvars.ContextVar("recorded", default=None)
@@ -111,7 +113,7 @@ class History(eqx.Module):
         size = (1, 1, channels, region.height, region.width)
         return jax.lax.dynamic_slice(self.texels, start, size)[0, 0]
 
-    def at(self, displacement: Displacement) -> Planes:
+    def at(self, displacement: AnyDisplacement) -> Planes:
         """Planes read where each pixel's source lies, `(channels, height, width)`."""
         if (reads := _recorded.get()) is not None:
             reads.append(displacement)
@@ -122,20 +124,25 @@ class History(eqx.Module):
         return _read(self.texels, place, displacement, filter_)
 
 
+_OF_A_PICTURE = {"depth": jnp.inf, "object_id": 0, "motion_class": 0, "coverage": 0}
+PICTURE = frozenset({"color", "supersampled", "albedo", "velocity", *_OF_A_PICTURE})
+"""What there is to ask of a picture."""
+
+INSTEAD_OF_COLOR = frozenset({"supersampled", "multisampled"})
+"""Channels that take the place of a frame's colour."""
+
+
 class View(eqx.Module):
     """From where a region is seen.
 
-    - `offset`: where the head points, as rotation from the hold pose, rad, `(3,)`.
-    - `position_m`: where the eye is, from the hold pose, `(3,)`; None where
-      a head only turns.
-    - `sample_px`: which point of each pixel, px from its centre; None is the centre.
+    - `motion`: of the head at this frame, from the hold pose.
+    - `frame`: number of the frame, from the hold pose on: its time in frames.
     """
 
     camera: Camera
     region: Region
-    offset: RotationVector
-    position_m: Float[Array, "3"] | None = None
-    sample_px: Float[Array, "2"] | None = None
+    motion: Motion
+    frame: WholeNumber = 0
     reading: Reading = GATHER
 
 
@@ -145,15 +152,42 @@ class AbstractSource(eqx.Module):
     @property
     @abc.abstractmethod
     def gives(self) -> frozenset[str]:
-        """Channels that there are to ask for; `"color"` always."""
+        """Channels that there are to ask for (see `Frame`); `"color"` always.
+
+        Two are colours as well: `"supersampled"`, the SSAA(4) picture, of a source that
+        has it ready made; `"multisampled"`, of each sample what its surface shows at
+        the pixel's centre, of a source whose surfaces end.
+        """
 
     @abc.abstractmethod
-    def seen(self, view: View, channels: Collection[str]) -> dict[str, Planes]:
-        """Planes of the channels asked for, at one point of each pixel of a region."""
+    def seen(
+        self,
+        view: View,
+        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        channels: Collection[str],
+    ) -> dict[str, Shaped[Array, "samples channels height width"]]:
+        """Planes of the channels asked for, at points of each pixel of a region.
+
+        `velocity` is left out where it is that of the head's rotation alone.
+
+        **Arguments:** `samples_px`: from the pixel centre; NumPy where they are known
+        before a program runs.
+        """
+
+    @abc.abstractmethod
+    def reference(self, view: View) -> Rgb:
+        """Picture without aliasing that detail loss is measured against, gamma."""
 
     @abc.abstractmethod
     def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
         """Whether all that a session sees of a region is there to be read."""
+
+    def velocity_bounds(self, view: View) -> Float[Array, "2 2"] | None:
+        """Smallest and largest displacement by which the past is reprojected, px.
+
+        None where that is the head's rotation alone.
+        """
+        return None
 
 
 class Texture(AbstractSource):
@@ -226,18 +260,53 @@ class Texture(AbstractSource):
 
     @property
     def gives(self) -> frozenset[str]:
-        """Colour, and the SSAA(4) reference in one read."""
-        return frozenset({"color", "supersampled"})
+        """Colour, in one read the SSAA(4) reference, and what a picture has none of.
 
-    def seen(self, view: View, channels: Collection[str]) -> dict[str, Planes]:
+        A picture is a static background, infinitely far away, lit by itself.
+        """
+        return PICTURE
+
+    def seen(
+        self,
+        view: View,
+        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        channels: Collection[str],
+    ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Read a picture: it is as far away as can be, so only rotation counts."""
-        displacement = Displacement(
-            view.camera, view.region, view.offset, view.sample_px, view.reading
-        )
-        return {
-            channel: self.at(displacement, supersampled=channel == "supersampled")
-            for channel in channels
+        dtype, region = view.motion.offset.dtype, view.region
+        size = (len(samples_px), 1, region.height, region.width)
+        found = {
+            name: jnp.full(size, value, CHANNELS[name][1] or dtype)
+            for name, value in _OF_A_PICTURE.items()
+            if name in channels
         }
+        read = [name for name in channels if name in ("color", "supersampled")]
+        if "albedo" in channels and not read:
+            read = ["color"]
+        for name in read:
+            at = lambda sample, name=name: self._at(view, sample, name)
+            found[name] = jnp.stack([at(sample) for sample in samples_px])
+        if "albedo" in channels:
+            found["albedo"] = found[read[0]]
+        return found
+
+    def _at(self, view: View, sample_px: Array | np.ndarray, channel: str) -> Rgb:
+        # A sample at the centre that is known to be one costs nothing.
+        is_centre = isinstance(sample_px, np.ndarray) and not sample_px.any()
+        offset = view.motion.offset
+        shift = None if is_centre else jnp.asarray(sample_px, offset.dtype)
+        displacement = Displacement(
+            view.camera, view.region, offset, shift, view.reading
+        )
+        return self.at(displacement, supersampled=channel == "supersampled")
+
+    def reference(self, view: View) -> Rgb:
+        """Return the SSAA(4) picture in one read.
+
+        **Accuracy:** the texture's box is one pixel of the hold pose's image plane; off
+        the hold pose the true pixel is turned and scaled a little against it.
+        """
+        return self._at(view, np.zeros(2), "supersampled")
 
     def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
         """Whether the head stays within the margin."""
@@ -250,18 +319,17 @@ class Texture(AbstractSource):
 def _read(
     texels: Texels,
     place: tuple[WholeNumber, WholeNumber],
-    displacement: Displacement,
+    displacement: AnyDisplacement,
     filter_: str,
 ) -> Planes:
     """Read texels behind a boundary that XLA does not fuse across.
 
     On the CPU, XLA would read anew for every use of the result, six times in a blend;
-    only a conditional that it cannot decide stops it. A rotation that is not finite
+    only a conditional that it cannot decide stops it. A displacement that is not finite
     gives NaN, so the condition also means something.
     """
     k, _, channels, *_ = texels.shape
-    region, rotation = displacement.region, displacement.rotation
-    column, row = place
+    region, column, row = displacement.region, *place
 
     field = displacement.field()
 
@@ -278,7 +346,7 @@ def _read(
         x = k * (column + jnp.arange(region.width, dtype=jnp.int32))[None, :]
         y = k * (row + jnp.arange(region.height, dtype=jnp.int32))[:, None]
         read_with = getattr(resampling, filter_)
-        return read_with(texels, x, y, *offset()).astype(rotation.dtype)
+        return read_with(texels, x, y, *offset()).astype(displacement.dtype)
 
     if displacement.reading.sampler == "plain":
         # Under `vmap` the condition would be one per run, and JAX cannot transpose the
@@ -286,7 +354,7 @@ def _read(
         return read()
     unknown = (channels, region.height, region.width)
     return jax.lax.cond(
-        jnp.isfinite(rotation).all(),
+        displacement.is_finite(),
         read,
-        lambda: jnp.full(unknown, jnp.nan, rotation.dtype),
+        lambda: jnp.full(unknown, jnp.nan, displacement.dtype),
     )

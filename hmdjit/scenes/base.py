@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..camera import Camera
+from ..frames.sources import PICTURE
 
 Directions = Float[Array, "3 *size"]
 Colors = Float[Array, "3 *size"]
@@ -45,7 +46,7 @@ class AbstractScene(eqx.Module):
     @property
     def gives(self) -> frozenset[str]:
         """Channels that techniques may ask for."""
-        return frozenset({"color", "supersampled"})
+        return PICTURE
 
     @abc.abstractmethod
     def color(self, camera: Camera, direction: Directions) -> Colors:

@@ -23,7 +23,7 @@ from ..frames.sources import AbstractSource
 from ..metrics.base import AbstractMetric, Values
 from ..techniques.base import AbstractTechnique
 from . import blocks
-from .views import REFERENCE, Renderer, Shots, Stepped
+from .views import Renderer, Shots, Stepped, seeing_together
 
 
 class Result(eqx.Module):
@@ -68,7 +68,9 @@ def session(
     """
     at_start = jax.tree.map(lambda leaf: leaf[0], motion)
     renderer = Renderer(source, camera, reading)
-    players = [Stepped.of(t, renderer, region, at_start) for t in techniques]
+    players = seeing_together(
+        [Stepped.of(t, renderer, region, at_start) for t in techniques]
+    )
     # What keeps nothing shows each frame on its own: warm-up changes nothing of it.
     early = {player.pattern for player in players if player.keeps}
     first = 0 if early else warmup
@@ -155,9 +157,7 @@ def session(
                     shown[i] if p.keeps else p.alone(shots, block, part, now)
                     for i, p in enumerate(players)
                 ]
-                reference = None
-                if has_reference:
-                    reference = shots.part(REFERENCE, part).color[0]
+                reference = shots.reference(part) if has_reference else None
                 return every, [
                     measure(*each, reference, part, k)
                     for each in zip(sums, every, before, strict=True)

@@ -90,9 +90,9 @@ def simulate(
     motion = checked_motion(poses, poses.dtype if has_dtype else jnp.dtype(jnp.float32))
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
+    check_gives(scene.gives, "this scene", technique)
     texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
     check_texture(texture, camera, region)
-    check_gives(texture.gives, "this scene", technique)
     # Texels shorter than float32 are only stored so.
     dtype = np.promote_types(texture.color_texels.dtype, np.promote_types(dtype, "f4"))
     motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)

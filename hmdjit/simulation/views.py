@@ -4,6 +4,7 @@ Each sample pattern is rendered once, for all techniques that ask for it.
 """
 
 import dataclasses
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +18,7 @@ from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.frame import Frame
 from ..frames.motion import Motion
-from ..frames.sources import AbstractSource, History
+from ..frames.sources import INSTEAD_OF_COLOR, AbstractSource, History
 from ..techniques.base import AbstractTechnique, State
 from . import blocks
 
@@ -25,8 +26,7 @@ from . import blocks
 class Pattern(NamedTuple):
     """How pixels are sampled: techniques with equal patterns see the same frame.
 
-    - `samples`: the table of sample positions, `[period][sample][x, y]`, px; empty for
-      the SSAA(4) channel.
+    - `samples`: the table of sample positions, `[period][sample][x, y]`, px.
     - `channels`: what the frame holds.
     """
 
@@ -34,16 +34,18 @@ class Pattern(NamedTuple):
     channels: frozenset[str]
 
     @classmethod
-    def of(cls, technique: AbstractTechnique) -> "Pattern":
-        """Return the pattern that a technique asks for."""
-        if technique.reads_supersampled:
+    def of(cls, technique: AbstractTechnique, gives: Collection[str]) -> "Pattern":
+        """Return the pattern that a technique asks for; `gives`: what a source has."""
+        if technique.reads_supersampled and "supersampled" in gives:
             return REFERENCE
         table = technique.sample_offsets_px
         rows = tuple(tuple(map(tuple, row)) for row in table.tolist())
+        if technique.shades_once_per_pixel and "multisampled" in gives:
+            return cls(rows, technique.needs - {"color"} | {"multisampled"})
         return cls(rows, technique.needs)
 
 
-REFERENCE = Pattern((), frozenset({"supersampled"}))
+REFERENCE = Pattern((((0.0, 0.0),),), frozenset({"supersampled"}))
 
 
 class Renderer(NamedTuple):
@@ -57,20 +59,24 @@ class Renderer(NamedTuple):
         self, pattern: Pattern, part: Region, k: WholeNumber, now: Motion
     ) -> Frame:
         """Render frame k of a part of the camera frame."""
-        table = pattern.samples or (((0.0, 0.0),),)
         # Rows of a table of one stay NumPy: a sample at the centre costs nothing.
-        rows = np.asarray(table)
+        rows = np.asarray(pattern.samples)
         row = rows[0] if len(rows) == 1 else jnp.asarray(rows)[k % len(rows)]
         return rendering.render(
             self.source,
             self.camera,
             part,
-            now.offset,
+            now,
             row,
-            position_m=now.position_m,
+            frame=k,
             channels=pattern.channels,
-            supersampled=pattern == REFERENCE,
             reading=self.reading,
+        )
+
+    def reference(self, part: Region, k: WholeNumber, now: Motion) -> Rgb:
+        """Render the picture that frame k is held against."""
+        return rendering.reference(
+            self.source, self.camera, part, now, self.reading, frame=k
         )
 
 
@@ -100,6 +106,12 @@ class Shots:
                 frame = self._renderer.frame(pattern, part, self._k, self._now)
                 self._parts[pattern] = frame
         return self._parts[pattern]
+
+    def reference(self, part: Region) -> Rgb:
+        """Picture of a part that detail loss is measured against."""
+        if "supersampled" in self._renderer.source.gives:
+            return self.part(REFERENCE, part).color[0]
+        return self._renderer.reference(part, self._k, self._now)
 
 
 def _cropped(frame: Frame, part: Region) -> Frame:
@@ -137,7 +149,7 @@ class Stepped(NamedTuple):
         motion: Motion,
     ) -> "Stepped":
         """Find out; `motion`: at one frame."""
-        pattern = Pattern.of(technique)
+        pattern = Pattern.of(technique, renderer.source.gives)
         render = lambda now: renderer.frame(pattern, region, 0, now)
         frame = jax.eval_shape(render, motion)
         empty = jax.eval_shape(technique.init, frame)
@@ -158,6 +170,22 @@ class Stepped(NamedTuple):
         frame = shots.whole(self.pattern, block)
         shown = self.technique.step(self.empty, frame, now)[1]
         return blocks.part_of(shown, block, part)
+
+
+def seeing_together(players: Sequence[Stepped]) -> list[Stepped]:
+    """Let techniques that sample alike see one frame, with all that any of them needs.
+
+    A pose is then rendered once, and not once for each set of channels.
+    """
+    kind = lambda pattern: (pattern.samples, pattern.channels & INSTEAD_OF_COLOR)
+    needed: dict[tuple, frozenset[str]] = {}
+    for pattern in (player.pattern for player in players):
+        known = needed.get(kind(pattern), frozenset())
+        needed[kind(pattern)] = known | pattern.channels
+    return [
+        player._replace(pattern=Pattern(player.pattern.samples, needed[kind(pattern)]))
+        for player, pattern in ((player, player.pattern) for player in players)
+    ]
 
 
 def _shows_its_history(

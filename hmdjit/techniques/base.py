@@ -94,6 +94,11 @@ class AbstractTechnique(eqx.Module):
         """Whether one read of a scene's SSAA(4) channel is all of its samples."""
         return False
 
+    @property
+    def shades_once_per_pixel(self) -> bool:
+        """Whether samples of one surface share its shade, as in multisampling."""
+        return False
+
     def on_pictures(self) -> "AbstractTechnique":
         """Return the technique that shows exactly the same on scenes without edges."""
         return self

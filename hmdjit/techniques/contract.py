@@ -4,10 +4,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import DTypeLike
+from jaxtyping import Array, DTypeLike
 
+from .. import _checks
 from ..camera import Camera, Region
-from ..frames.frame import Frame
+from ..frames.frame import CHANNELS, Frame
 from ..frames.motion import Motion
 from .base import AbstractTechnique
 
@@ -21,10 +22,14 @@ def blank_frame(
     dtype: DTypeLike,
 ) -> Frame:
     """Return a black frame with all that a technique asks for."""
-    size = (technique.sample_offsets_px.shape[1], 3, region.height, region.width)
-    black = jnp.zeros(size, dtype)
-    channels = {name: black for name in technique.needs - {"color"}}
-    return Frame(black, camera, region, channels=channels)
+    samples = technique.sample_offsets_px.shape[1]
+
+    def blank(name: str) -> Array:
+        planes, own = CHANNELS[name]
+        return jnp.zeros((samples, planes, region.height, region.width), own or dtype)
+
+    channels = {name: blank(name) for name in technique.needs - {"color"}}
+    return Frame(blank("color"), camera, region, channels=channels)
 
 
 def check_contract(technique: AbstractTechnique) -> None:
@@ -58,6 +63,8 @@ def check_declared(technique: AbstractTechnique) -> None:
         raise ValueError(
             f"needs of {name} must be a frozenset with 'color', got {needs!r}."
         )
+    for channel in sorted(needs):
+        _checks.one_of(f"needs of {name}", channel, CHANNELS)
     if not isinstance(table, np.ndarray) or table.ndim != 3 or table.shape[-1] != 2:
         raise ValueError(
             f"sample_offsets_px of {name} must be a NumPy array (period, samples, 2), "

@@ -107,6 +107,11 @@ class HeadMovement(AbstractTechnique):
         """Whether `resolve` does."""
         return self.resolve is not None and self.resolve.reads_supersampled
 
+    @property
+    def shades_once_per_pixel(self) -> bool:
+        """As the spatial technique before it."""
+        return self.resolve is not None and self.resolve.shades_once_per_pixel
+
     def _raw_weights(self) -> tuple[Scalar, ...]:
         return self.closeness if self.weights is None else self.weights
 

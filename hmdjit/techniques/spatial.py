@@ -104,6 +104,11 @@ class MSAA(_OwnSamples):
         """Mean over samples of the surface's shade; one shade where nothing ends."""
         return mean_of_samples(frame.color, self.space)
 
+    @property
+    def shades_once_per_pixel(self) -> bool:
+        """A surface has one shade per pixel."""
+        return True
+
     def on_pictures(self) -> NoAntialiasing:
         """No anti-aliasing: the run is shared."""
         return NoAntialiasing()
