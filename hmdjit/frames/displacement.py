@@ -33,6 +33,8 @@ class Reading(eqx.Module):
     - `texture_filter`: `"nearest"`, `"bilinear"` or `"catmull_rom"` between texels.
     - `history_filter`: the same between displayed pixels. Not an approximation but a
       part of the modelled device: a sharper one changes MTCD by several percent.
+    - `reference_samples`: rays per pixel of solids in the picture that detail loss is
+      measured against; a baked picture has that picture ready made.
     - `warp`: how a rotation moves the pixels of a region, or of the blocks that a large
       one is cut into. `"homography"` is exact, `"affine"` linear about the centre,
       `"shift"` moves all like the centre.
@@ -42,12 +44,14 @@ class Reading(eqx.Module):
     texture_filter: str = eqx.field(static=True, default="bilinear")
     history_filter: str = eqx.field(static=True, default="bilinear")
     warp: str = eqx.field(static=True, default="homography")
+    reference_samples: int = eqx.field(static=True, default=16)
 
     def __check_init__(self):
         _checks.one_of("sampler", self.sampler, SAMPLERS)
         _checks.one_of("texture_filter", self.texture_filter, FILTERS)
         _checks.one_of("history_filter", self.history_filter, FILTERS)
         _checks.one_of("warp", self.warp, WARPS)
+        _checks.whole("reference_samples", self.reference_samples, 1)
 
 
 GATHER = Reading()

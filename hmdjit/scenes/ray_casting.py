@@ -1,0 +1,265 @@
+"""What rays from the eye meet: the nearest surfaces, what they show, their shadows.
+
+Of a block of rays only the primitives that it can meet are looked at, found anew for
+each block and frame from spheres around them.
+"""
+
+from collections.abc import Callable, Collection
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._types import Numbers, Plane
+from . import surfaces
+from .primitives import NEAR_M, Primitives, Quads, Vector, along, dot
+from .stored import StoredPlanes
+
+Surfaces = Int[Array, "slots height width"]
+"""Row of each pixel's primitive, counted through all tables; -1 is the background."""
+
+Painted = dict[str, Array]
+_EYE: Vector = (0.0, 0.0, 0.0)
+
+
+class Rays(NamedTuple):
+    """A block of rays `(x, y, -1)`: their lengths are depths.
+
+    - `x`, `y`: slopes; they broadcast to the block's shape.
+    """
+
+    x: Numbers
+    y: Numbers
+
+    @property
+    def size(self) -> tuple[int, ...]:
+        """Shape of the block."""
+        return jnp.broadcast_shapes(self.x.shape, self.y.shape)
+
+    @property
+    def direction(self) -> Vector:
+        """Directions of the rays."""
+        return self.x, self.y, jnp.full((1,) * self.x.ndim, -1.0, self.x.dtype)
+
+
+class Chosen(NamedTuple):
+    """Some rows of a table: the first `used` of `rows`."""
+
+    rows: Int[Array, " rows"]
+    used: Int[Array, ""] | int
+
+
+class World(eqx.Module):
+    """A scene at one frame, in the head's axes, with the eye at the origin.
+
+    - `tables`: of primitives, none of them empty.
+    - `to_sun`: unit vector, shape `(3,)`.
+    - `ambient`: share of the light that comes from everywhere.
+    - `background`: linear light, shape `(3,)`.
+    - `classes`: motion class of each object; the first is the background.
+    - `steps`: increment and translation of the head against each object since the last
+      frame, or against all of them; None if only its own turn moves the picture.
+    - `kinds`: of patterns that there are.
+    - `has_sun`, `has_shadows`: whether surfaces are lit, whether they cast shadows.
+    """
+
+    tables: tuple[Primitives, ...]
+    to_sun: Float[Array, "3"]
+    ambient: Numbers
+    background: Float[Array, "3"]
+    pictures: tuple[StoredPlanes, ...]
+    masks: Bool[Array, "masks height width"] | None
+    classes: Int[Array, " objects"]
+    steps: tuple[Float[Array, "*objects 3"], Float[Array, "*objects 3"]] | None
+    kinds: tuple[int, ...] = eqx.field(static=True)
+    has_sun: bool = eqx.field(static=True)
+    has_shadows: bool = eqx.field(static=True)
+
+    def everything(self) -> list[Chosen]:
+        """Choose all rows: loops then have a known length, and derivatives."""
+        counts = [len(table.object) for table in self.tables]
+        return [Chosen(jnp.arange(n, dtype=jnp.int32), n) for n in counts]
+
+    def met_by(self, rays: Rays, room: Numbers | float) -> list[Chosen]:
+        """Choose what a block of rays can meet, `room` beside them in slope."""
+        low_x, high_x = jnp.min(rays.x) - room, jnp.max(rays.x) + room
+        low_y, high_y = jnp.min(rays.y) - room, jnp.max(rays.y) + room
+
+        def chosen(table: Primitives) -> Chosen:
+            centre, radius = table.bounds()
+            x, y, z = centre.T
+            # Distance outside of each side of the pyramid of rays, and behind the eye.
+            sides = [
+                (low_x * -z - x) * jax.lax.rsqrt(1 + low_x**2),
+                (x - high_x * -z) * jax.lax.rsqrt(1 + high_x**2),
+                (low_y * -z - y) * jax.lax.rsqrt(1 + low_y**2),
+                (y - high_y * -z) * jax.lax.rsqrt(1 + high_y**2),
+                z + NEAR_M,
+            ]
+            is_near = jnp.all(jnp.stack(sides) <= radius[None], axis=0)
+            return _picked(is_near & table.is_seen())
+
+        return [chosen(table) for table in self.tables]
+
+    def casting(self, points: Vector, is_there: Bool[Array, "..."]) -> list[Chosen]:
+        """Choose what can lie between points and the sun."""
+        low, high = (
+            jnp.stack([f(jnp.where(is_there, p, -s * jnp.inf)) for p in points])
+            for f, s in ((jnp.min, -1.0), (jnp.max, 1.0))
+        )
+        middle = jnp.where(is_there.any(), (low + high) / 2, 0.0)
+        reach = jnp.sqrt(jnp.sum(jnp.where(is_there.any(), high - middle, 0.0) ** 2))
+
+        def chosen(table: Primitives) -> Chosen:
+            centre, radius = table.bounds()
+            away = centre - middle[None]
+            ahead = jnp.sum(away * self.to_sun[None], axis=1)
+            across = away - ahead[:, None] * self.to_sun[None]
+            near = jnp.sum(across**2, axis=1) <= (radius + reach) ** 2
+            return _picked(is_there.any() & near & (ahead >= -radius - reach))
+
+        return [chosen(table) for table in self.tables]
+
+
+def _picked(mask: Bool[Array, " rows"]) -> Chosen:
+    (rows,) = jnp.nonzero(mask, size=mask.size, fill_value=0)
+    return Chosen(rows.astype(jnp.int32), jnp.sum(mask, dtype=jnp.int32))
+
+
+def _fold(world: World, chosen: list[Chosen], body: Callable, carry: Any) -> Any:
+    """Go through chosen rows; `body` takes a row's number, the row and the carry."""
+    first = 0
+    for table, picks in zip(world.tables, chosen, strict=True):
+
+        def one(i: Any, carry: Any, table=table, picks=picks, first=first) -> Any:
+            place = picks.rows[i]
+            row = jax.tree.map(lambda leaf: leaf[place], table)
+            return body(first + place, row, carry)
+
+        carry = jax.lax.fori_loop(0, picks.used, one, carry)
+        first += len(table.object)
+    return carry
+
+
+def _hit(
+    world: World, row: Primitives, origin: Vector, direction: Vector
+) -> tuple[Numbers, Numbers]:
+    """Length at which rays meet a row, and whether they do: not through its holes."""
+    length, is_hit = row.hit(origin, direction)
+    if world.masks is None or not isinstance(row, Quads):
+        return length, is_hit
+    a, b = row.skin(origin, direction).place_m
+    width, height = row.half_m
+    return length, is_hit & surfaces.is_solid(
+        row.paint, (a / width, b / height), world.masks
+    )
+
+
+def nearest(
+    world: World, rays: Rays, chosen: list[Chosen]
+) -> tuple[Plane, Int[Array, "height width"]]:
+    """Depth and surface of what each ray meets first; inf and -1 of nothing.
+
+    Which surface that is has no derivative: an edge moves, but a pixel's sample sees
+    one side of it or the other.
+    """
+    world, rays = jax.lax.stop_gradient((world, rays))
+    dtype = rays.x.dtype
+
+    def look(number: Array, row: Primitives, carry: tuple) -> tuple:
+        best, surface = carry
+        length, is_hit = _hit(world, row, _EYE, rays.direction)
+        is_nearer = is_hit & (length >= NEAR_M) & (length < best)
+        return jnp.where(is_nearer, length, best), jnp.where(is_nearer, number, surface)
+
+    start = jnp.full(rays.size, jnp.inf, dtype), jnp.full(rays.size, -1, jnp.int32)
+    return _fold(world, chosen, look, start)
+
+
+def painted(
+    world: World,
+    rays: Rays,
+    surface: Surfaces,
+    chosen: list[Chosen],
+    channels: Collection[str],
+    lit: Float[Array, "slots height width"] | None = None,
+) -> Painted:
+    """Look at given surfaces along rays, on their skins where they end before.
+
+    **Arguments:** `channels`: of `light`, `albedo` (linear), `depth`, `object_id`;
+    `lit`: how much of the sun gets there.
+
+    **Returns:** by channel, `(slots, planes, height, width)`.
+    """
+    dtype = rays.x.dtype
+    size = (*surface.shape[:1], 1, *rays.size)
+    sky = jnp.broadcast_to(world.background[:, None, None], (size[0], 3, *rays.size))
+    blank = {
+        "light": sky,
+        "albedo": sky,
+        "depth": jnp.full(size, jnp.inf, dtype),
+        "object_id": jnp.zeros(size, jnp.int32),
+    }
+
+    def paint(number: Array, row: Primitives, carry: dict) -> dict:
+        is_mine = surface == number
+
+        def brush(carry: dict) -> dict:
+            meeting = row.skin(_EYE, rays.direction)
+            new = {"object_id": row.object[None, None, None, None]}
+            new["depth"] = jnp.broadcast_to(meeting.length, rays.size)[None, None]
+            if {"light", "albedo"} & set(carry):
+                albedo = surfaces.light(
+                    row.paint, meeting.place_m, world.kinds, world.pictures
+                )
+                new["albedo"] = jnp.broadcast_to(albedo, (3, *rays.size))[None]
+            if "light" in carry:
+                new["light"] = new["albedo"]
+                if world.has_sun:
+                    x, y, z = world.to_sun
+                    sun = jnp.maximum(dot(meeting.normal, (x, y, z)), 0.0)
+                    sun = jnp.broadcast_to(sun, rays.size)[None]
+                    sun = sun if lit is None else sun * lit
+                    share = world.ambient + (1 - world.ambient) * sun
+                    new["light"] = new["albedo"] * share[:, None]
+            return {
+                name: jnp.where(is_mine[:, None], new[name], old)
+                for name, old in carry.items()
+            }
+
+        return jax.lax.cond(is_mine.any(), brush, lambda carry: carry, carry)
+
+    return _fold(world, chosen, paint, {name: blank[name] for name in channels})
+
+
+def lit(
+    world: World,
+    rays: Rays,
+    surface: Surfaces,
+    depth: Float[Array, "slots height width"],
+    *,
+    every: bool,
+) -> Float[Array, "slots height width"]:
+    """Whether the sun reaches what is seen: 1, or 0 in a hard shadow.
+
+    A primitive, being convex, casts none on itself.
+    """
+    world, rays, depth = jax.lax.stop_gradient((world, rays, depth))
+    x, y, z = world.to_sun
+
+    def one(slot: tuple) -> Plane:
+        surface, depth = slot
+        is_there = surface >= 0
+        points = along(_EYE, rays.direction, jnp.where(is_there, depth, 0.0))
+        chosen = world.everything() if every else world.casting(points, is_there)
+
+        def look(number: Array, row: Primitives, is_dark: Array) -> Array:
+            length, is_hit = _hit(world, row, points, (x, y, z))
+            return is_dark | is_hit & (length > 0) & (surface != number)
+
+        is_dark = _fold(world, chosen, look, jnp.zeros(rays.size, bool))
+        return jnp.where(is_dark, 0, 1).astype(depth.dtype)
+
+    return jax.lax.map(one, (surface, depth))

@@ -1,0 +1,160 @@
+"""Shapes to put scenes together from: rectangles, boxes, spheres, cylinders, capsules.
+
+Lengths in metres, in a world that has the eye of the hold pose at its origin, +x right,
++y up and -z ahead. Each function returns the primitives of a shape.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .. import _checks
+from .primitives import Capsules, Primitives, Quads, Spheres
+from .surfaces import Surface
+
+
+class Part(NamedTuple):
+    """One primitive, not painted yet, and its surface."""
+
+    primitive: Primitives
+    surface: Surface
+
+
+Shape = list[Part]
+Place = Sequence[float] | np.ndarray
+"""Three numbers, m."""
+
+_LATER: Any = None  # filled in when a scene is put together
+
+
+def _vector(name: str, value: Place) -> np.ndarray:
+    vector = np.asarray(value, np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{name} must be three finite numbers, m, got {value}.")
+    return vector
+
+
+def _unit(name: str, value: Place) -> tuple[np.ndarray, float]:
+    vector = _vector(name, value)
+    length = float(np.linalg.norm(vector))
+    _checks.in_range(f"length of {name}", length, 0, open_low=True)
+    return vector / length, length
+
+
+def _across(axis: np.ndarray) -> np.ndarray:
+    """Return some unit vector across an axis, ahead of the eye where that is across."""
+    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
+    right = np.cross(axis, other)
+    return right / np.linalg.norm(right)
+
+
+def _quad(
+    centre: Place,
+    right: Place,
+    up: Place,
+    surface: Surface,
+    *,
+    is_round: bool = False,
+    is_one_sided: bool = False,
+) -> Shape:
+    (right, width), (up, height) = _unit("right", right), _unit("up", up)
+    if abs(right @ up) > 1e-9:
+        raise ValueError("right and up must be at right angles to each other.")
+    half = np.array([width / 2, height / 2])
+    flags = np.asarray(is_round), np.asarray(is_one_sided)
+    place = _vector("centre", centre)
+    return [Part(Quads(place, right, up, half, *flags, _LATER, _LATER), surface)]
+
+
+def rectangle(centre: Place, right: Place, up: Place, surface: Surface) -> Shape:
+    """Make a rectangle, seen from both sides; `right` and `up` are its whole sides."""
+    return _quad(centre, right, up, surface)
+
+
+def disc(centre: Place, right: Place, up: Place, surface: Surface) -> Shape:
+    """Make an ellipse, seen from both sides; `right` and `up` are its whole axes."""
+    return _quad(centre, right, up, surface, is_round=True)
+
+
+def plane(point: Place, right: Place, up: Place, surface: Surface) -> Shape:
+    """Make a plane without end, along two directions."""
+    ((quad, _),) = _quad(point, right, up, surface)
+    endless = np.array([np.inf, np.inf])
+    return [Part(Quads(**{**vars(quad), "half_m": endless}), surface)]
+
+
+def box(
+    centre: Place,
+    size: Place,
+    surface: Surface,
+    turn: Place = (0.0, 0.0, 0.0),
+) -> Shape:
+    """Make a box of `size` (right, up, back), turned about its centre by a vector, rad.
+
+    Its sides are seen from outside.
+    """
+    place = _vector("centre", centre)
+    axes = Rotation.from_rotvec(_vector("turn", turn)).as_matrix().T
+    axes = axes * _vector("size", size)[:, None]
+    sides = []
+    for out, right, up in ((0, 2, 1), (1, 0, 2), (2, 0, 1)):
+        for way in (1.0, -1.0):
+            # Right times up is outwards.
+            outwards = np.cross(axes[right], axes[up]) @ (way * axes[out])
+            across = axes[right] * np.sign(outwards)
+            middle = place + way * axes[out] / 2
+            sides += _quad(middle, across, axes[up], surface, is_one_sided=True)
+    return sides
+
+
+def sphere(centre: Place, radius_m: float, surface: Surface) -> Shape:
+    """Make a sphere, seen from outside."""
+    _checks.in_range("radius_m", radius_m, 0, open_low=True)
+    place, right, up = _vector("centre", centre), np.eye(3)[0], np.eye(3)[1]
+    radius = np.asarray(radius_m, np.float64)
+    return [Part(Spheres(place, right, up, radius, _LATER, _LATER), surface)]
+
+
+def capsule(start: Place, end: Place, radius_m: float, surface: Surface) -> Shape:
+    """Make a cylinder with round ends about two points, seen from outside."""
+    return _round(start, end, radius_m, surface, is_open=False)
+
+
+def cylinder(start: Place, end: Place, radius_m: float, surface: Surface) -> Shape:
+    """Make a cylinder with flat ends, seen from outside."""
+    tube = _round(start, end, radius_m, surface, is_open=True)
+    axis = _vector("end", end) - _vector("start", start)
+    right = _across(axis / np.linalg.norm(axis))
+    ahead = np.cross(axis / np.linalg.norm(axis), right)
+    wide = 2 * radius_m
+    lids = []
+    for middle, sides in ((end, (right, -ahead)), (start, (right, ahead))):
+        across, along = (wide * side for side in sides)
+        lids += _quad(middle, across, along, surface, is_round=True, is_one_sided=True)
+    return tube + lids
+
+
+def _round(
+    start: Place,
+    end: Place,
+    radius_m: float,
+    surface: Surface,
+    *,
+    is_open: bool,
+) -> Shape:
+    _checks.in_range("radius_m", radius_m, 0, open_low=True)
+    start, end = _vector("start", start), _vector("end", end)
+    axis, length = _unit("axis", end - start)
+    row = Capsules(
+        (start + end) / 2,
+        _across(axis),
+        axis,
+        np.asarray(length / 2),
+        np.asarray(radius_m, np.float64),
+        np.asarray(is_open),
+        _LATER,
+        _LATER,
+    )
+    return [Part(row, surface)]

@@ -1,0 +1,230 @@
+"""Scenes of solids: put together from shapes, seen by ray casting.
+
+Edges of what is visible carry no derivative: a sample sees one surface or the other,
+and MTCD of one session is piecewise smooth in where the edge lies. Derivatives are of
+what surfaces show inside of their edges.
+"""
+
+from collections.abc import Collection, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Shaped
+
+from .. import color, quaternion, sample_patterns
+from .._types import Numbers, Rgb, Scalar
+from ..camera import Camera, Region
+from ..frames.frame import MOTION_CLASSES as _CLASSES
+from ..frames.motion import Motion
+from ..frames.sources import AbstractSource, View
+from ..frames.velocity import against_object
+from . import primitives, solid_channels, surfaces
+from .base import AbstractScene, Colors, Directions
+from .objects import Object, Paths, Sun
+from .primitives import Primitives
+from .ray_casting import Rays, World
+from .stored import StoredPlanes
+from .surfaces import AnyArray
+
+_BLOCK_PX = 64  # side of a block of rays, which share what they can meet
+_ROOM_PX = 2.0  # by which a sample may lie beside its block
+GIVES = frozenset(
+    """color multisampled albedo depth object_id motion_class velocity
+    coverage""".split()  # noqa: SIM905
+)
+"""What there is to ask of solids."""
+
+
+class Solids(AbstractScene, AbstractSource):
+    """A scene of solids; `of` puts it together.
+
+    - `tables`: of primitives, none of them empty.
+    - `paths`, `classes`: how objects move, and their motion class.
+    - `to_sun`, `ambient`, `background`: see `ray_casting.World`.
+    - `moves`: whether any object moves.
+    """
+
+    tables: tuple[Primitives, ...]
+    paths: Paths
+    classes: Int[AnyArray, " objects"]
+    to_sun: Float[AnyArray, "3"]
+    ambient: Scalar | Float[np.ndarray, ""]
+    background: Float[AnyArray, "3"]
+    pictures: tuple[StoredPlanes, ...]
+    masks: Bool[AnyArray, "masks height width"] | None
+    kinds: tuple[int, ...] = eqx.field(static=True)
+    has_sun: bool = eqx.field(static=True)
+    has_shadows: bool = eqx.field(static=True)
+    moves: bool = eqx.field(static=True)
+    name: str = eqx.field(static=True, default="solids")
+
+    @classmethod
+    def of(
+        cls,
+        objects: Sequence[Object],
+        *,
+        sun: Sun | None = Sun(),  # noqa: B008 (frozen)
+        background: surfaces.Gamma = (0.62, 0.74, 0.86),
+        name: str = "solids",
+    ) -> "Solids":
+        """Put a scene together; object i has the id i + 1.
+
+        **Arguments:** `sun`: None shows all surfaces in their own colours;
+        `background`: gamma.
+
+        **Errors:** `ValueError` for a scene without a shape, and masks that differ in
+        size.
+        """
+        gallery, rows = surfaces.Gallery(), {}
+        for number, one in enumerate(objects, start=1):
+            for primitive, surface in one.shapes:
+                own = {
+                    "paint": gallery.paint(surface),
+                    "object": np.asarray(number, np.int32),
+                }
+                kind = type(primitive)
+                row = kind(**{**vars(primitive), **own})
+                rows.setdefault(kind, []).append(row)
+        if not rows:
+            raise ValueError("objects must have at least one shape, got none.")
+        tables = tuple(primitives.stacked(found) for found in rows.values())
+        kinds = {int(kind) for table in tables for kind in table.paint.kind}
+        sizes = {mask.shape for mask in gallery.masks}
+        if len(sizes) > 1:
+            raise ValueError(f"masks of a scene must have one size, got {sizes}.")
+        light = Sun() if sun is None else sun
+        direction = np.asarray(light.direction, np.float64)
+        movements = [one.movement for one in objects]
+        class_of = lambda one: 0 if one is None else _CLASSES.index(one.motion_class)
+        return cls(
+            tables=tables,
+            paths=Paths.of(movements),
+            classes=np.asarray([0, *map(class_of, movements)], np.int32),
+            to_sun=direction / np.linalg.norm(direction),
+            ambient=np.asarray(light.ambient, np.float64),
+            background=surfaces.linear(background),
+            pictures=tuple(gallery.pictures),
+            masks=np.stack(gallery.masks) if gallery.masks else None,
+            kinds=tuple(sorted(kinds)),
+            has_sun=sun is not None,
+            has_shadows=light.has_shadows,
+            moves=any(movement is not None for movement in movements),
+            name=name,
+        )
+
+    @property
+    def gives(self) -> frozenset[str]:
+        """All that there is, but the SSAA(4) picture ready made."""
+        return GIVES
+
+    def color(self, camera: Camera, direction: Directions) -> Colors:
+        """Gamma colour seen from the hold pose at its time."""
+        dtype = direction.dtype
+        still = Motion(jnp.zeros(3, dtype), jnp.zeros(3, dtype))
+        world = self.world(View(camera, Region.whole(camera), still))
+        depth = -direction[2]
+        is_ahead = depth > 0
+        safe = jnp.where(is_ahead, depth, 1.0)
+        x, y = ((d / safe).reshape(1, -1) for d in direction[:2])
+        rays = Rays(x, y)
+        seen = solid_channels.at_rays(world, rays, world.met_by(rays, 0.0), {"light"})
+        gamma = color.encode(seen["light"]).reshape(direction.shape)
+        return jnp.where(is_ahead[None], gamma, jnp.nan)
+
+    def seen(
+        self,
+        view: View,
+        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        channels: Collection[str],
+    ) -> dict[str, Shaped[Array, "samples channels height width"]]:
+        """Cast a ray through each sample of each pixel."""
+        offsets = jnp.asarray(samples_px, view.motion.offset.dtype)
+        world = self.world(view)
+        found = set(channels) if world.steps is not None else {*channels} - {"velocity"}
+        return solid_channels.seen(world, view, offsets, found)
+
+    def reference(self, view: View) -> Rgb:
+        """Accumulate samples of a scrambled Halton sequence in linear light.
+
+        **Source:** the accumulation buffer of Oliveros' thesis, indices from 0 on.
+        """
+        count = view.reading.reference_samples
+        offsets = sample_patterns.halton(count, first=0, scrambled=True) - 0.5
+        offsets = jnp.asarray(offsets, view.motion.offset.dtype)
+        return solid_channels.accumulated(self.world(view), view, offsets)
+
+    def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
+        """Whether the pose is known: a ray may go anywhere."""
+        known = jnp.isfinite(motion.offset).all()
+        if motion.position_m is not None:
+            known = known & jnp.isfinite(motion.position_m).all()
+        return known
+
+    def world(self, view: View) -> World:
+        """Return the scene at a frame, in the head's axes."""
+        motion, dtype = view.motion, view.motion.offset.dtype
+        own = lambda leaf: (
+            jnp.asarray(leaf, dtype)
+            if jnp.issubdtype(jnp.result_type(leaf), jnp.floating)
+            else jnp.asarray(leaf)
+        )
+        tables, paths = jax.tree.map(own, (self.tables, self.paths))
+        back = quaternion.matrix_minus_identity(-motion.offset)
+        rate = jnp.asarray(view.camera.refresh_hz, dtype)
+        time = jnp.asarray(view.frame, dtype) / rate
+        turns = jax.vmap(quaternion.matrix_minus_identity)(paths.rotation * time)
+
+        def placed(table: Primitives) -> Primitives:
+            def to_head(vectors: Array) -> Array:
+                return vectors + _apply(back[None], vectors)
+
+            def turn(vectors: Array) -> Array:
+                if self.moves:
+                    vectors = vectors + _apply(turns[table.object], vectors)
+                return to_head(vectors)
+
+            def shift(points: Array) -> Array:
+                if self.moves:
+                    arm = points - paths.pivot[table.object]
+                    points = points + _apply(turns[table.object], arm)
+                    points = points + paths.velocity[table.object] * time
+                if motion.position_m is not None:
+                    points = points - motion.position_m[None]
+                return to_head(points)
+
+            return table.turned(turn, shift)
+
+        to_sun = own(self.to_sun)
+        return World(
+            tuple(placed(table) for table in tables),
+            to_sun + _apply(back, to_sun),
+            own(self.ambient),
+            own(self.background),
+            tuple(self.pictures),
+            None if self.masks is None else jnp.asarray(self.masks),
+            jnp.asarray(self.classes),
+            self._steps(motion, paths, time, 1 / rate),
+            self.kinds,
+            self.has_sun,
+            self.has_sun and self.has_shadows,
+        )
+
+    def _steps(
+        self, motion: Motion, paths: Paths, time_s: Numbers, step_s: Numbers
+    ) -> tuple[Array, Array] | None:
+        """Increment and translation of the head against objects, since a frame ago."""
+        if not self.moves:
+            moved = motion.translation_m
+            return None if moved is None else (motion.increment, moved)
+
+        place = paths.pivot + paths.velocity * time_s
+        turned, moved = paths.rotation * step_s, paths.velocity * step_s
+        against = lambda *path: against_object(motion, *path)
+        return jax.vmap(against)(place, turned, moved)
+
+
+def _apply(matrix: Array, vectors: Array) -> Array:
+    """Multiply matrices and vectors, written out."""
+    return jnp.sum(matrix * vectors[..., None, :], axis=-1)
