@@ -8,7 +8,7 @@ and a direction, each three numbers or planes that broadcast together.
 a surface shows of a pixel whose centre it just misses.
 """
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -75,8 +75,6 @@ class Quads(eqx.Module):
     half_m: Float[AnyArray, "*rows 2"]
     is_round: Bool[AnyArray, "*rows"]
     is_one_sided: Bool[AnyArray, "*rows"]
-    paint: Paint
-    object: Int[AnyArray, "*rows"]
 
     def turned(self, turn, shift) -> "Quads":
         """Turn and move all rows: `turn` and `shift` act on vectors `(rows, 3)`."""
@@ -131,8 +129,6 @@ class Spheres(eqx.Module):
     right: Vectors
     up: Vectors
     radius_m: Float[AnyArray, "*rows"]
-    paint: Paint
-    object: Int[AnyArray, "*rows"]
 
     turned = Quads.turned
 
@@ -180,8 +176,6 @@ class Capsules(eqx.Module):
     half_m: Float[AnyArray, "*rows"]
     radius_m: Float[AnyArray, "*rows"]
     is_open: Bool[AnyArray, "*rows"]
-    paint: Paint
-    object: Int[AnyArray, "*rows"]
 
     turned = Quads.turned
 
@@ -230,8 +224,21 @@ class Capsules(eqx.Module):
         return Meeting(length, normal, (around, dot(axis, point)))
 
 
-Table = TypeVar("Table", Quads, Spheres, Capsules)
-Primitives = Quads | Spheres | Capsules
+Primitive = Quads | Spheres | Capsules
+
+
+class Table(eqx.Module):
+    """Primitives of one kind, one row each; their paint, and their objects' ids."""
+
+    rows: Primitive
+    paint: Paint
+    object: Int[AnyArray, "*rows"]
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.object)
+
 
 _BELOW_1 = 1 - 1e-6  # where the slope of arcsin is finite
 
@@ -267,5 +274,5 @@ def _angle(sine: Number, cosine: Number) -> Number:
 
 
 def stacked(rows: list[Table]) -> Table:
-    """Make a table of rows."""
+    """Make one table of rows of one kind."""
     return jax.tree.map(lambda *leaves: np.stack(leaves), *rows)

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._types import Numbers, Plane
+from .._types import Mask, Numbers, Plane
 from . import surfaces
-from .primitives import NEAR_M, Primitives, Quads, Vector, along, dot
+from .primitives import NEAR_M, Quads, Table, Vector, along, dot
 from .stored import StoredPlanes
 
 Surfaces = Int[Array, "slots height width"]
@@ -65,7 +65,7 @@ class World(eqx.Module):
     - `has_sun`, `has_shadows`: whether surfaces are lit, whether they cast shadows.
     """
 
-    tables: tuple[Primitives, ...]
+    tables: tuple[Table, ...]
     to_sun: Float[Array, "3"]
     ambient: Numbers
     background: Float[Array, "3"]
@@ -79,7 +79,7 @@ class World(eqx.Module):
 
     def everything(self) -> list[Chosen]:
         """Choose all rows: loops then have a known length, and derivatives."""
-        counts = [len(table.object) for table in self.tables]
+        counts = [table.count for table in self.tables]
         return [Chosen(jnp.arange(n, dtype=jnp.int32), n) for n in counts]
 
     def met_by(self, rays: Rays, room: Numbers | float) -> list[Chosen]:
@@ -87,8 +87,8 @@ class World(eqx.Module):
         low_x, high_x = jnp.min(rays.x) - room, jnp.max(rays.x) + room
         low_y, high_y = jnp.min(rays.y) - room, jnp.max(rays.y) + room
 
-        def chosen(table: Primitives) -> Chosen:
-            centre, radius = table.bounds()
+        def chosen(table: Table) -> Chosen:
+            centre, radius = table.rows.bounds()
             x, y, z = centre.T
             # Distance outside of each side of the pyramid of rays, and behind the eye.
             sides = [
@@ -99,7 +99,7 @@ class World(eqx.Module):
                 z + NEAR_M,
             ]
             is_near = jnp.all(jnp.stack(sides) <= radius[None], axis=0)
-            return _picked(is_near & table.is_seen())
+            return _picked(is_near & table.rows.is_seen())
 
         return [chosen(table) for table in self.tables]
 
@@ -112,8 +112,8 @@ class World(eqx.Module):
         middle = jnp.where(is_there.any(), (low + high) / 2, 0.0)
         reach = jnp.sqrt(jnp.sum(jnp.where(is_there.any(), high - middle, 0.0) ** 2))
 
-        def chosen(table: Primitives) -> Chosen:
-            centre, radius = table.bounds()
+        def chosen(table: Table) -> Chosen:
+            centre, radius = table.rows.bounds()
             away = centre - middle[None]
             ahead = jnp.sum(away * self.to_sun[None], axis=1)
             across = away - ahead[:, None] * self.to_sun[None]
@@ -139,19 +139,19 @@ def _fold(world: World, chosen: list[Chosen], body: Callable, carry: Any) -> Any
             return body(first + place, row, carry)
 
         carry = jax.lax.fori_loop(0, picks.used, one, carry)
-        first += len(table.object)
+        first += table.count
     return carry
 
 
 def _hit(
-    world: World, row: Primitives, origin: Vector, direction: Vector
-) -> tuple[Numbers, Numbers]:
+    world: World, row: Table, origin: Vector, direction: Vector
+) -> tuple[Plane, Mask]:
     """Length at which rays meet a row, and whether they do: not through its holes."""
-    length, is_hit = row.hit(origin, direction)
-    if world.masks is None or not isinstance(row, Quads):
+    length, is_hit = row.rows.hit(origin, direction)
+    if world.masks is None or not isinstance(row.rows, Quads):
         return length, is_hit
-    a, b = row.skin(origin, direction).place_m
-    width, height = row.half_m
+    a, b = row.rows.skin(origin, direction).place_m
+    width, height = row.rows.half_m
     return length, is_hit & surfaces.is_solid(
         row.paint, (a / width, b / height), world.masks
     )
@@ -168,7 +168,7 @@ def nearest(
     world, rays = jax.lax.stop_gradient((world, rays))
     dtype = rays.x.dtype
 
-    def look(number: Array, row: Primitives, carry: tuple) -> tuple:
+    def look(number: Array, row: Table, carry: tuple) -> tuple:
         best, surface = carry
         length, is_hit = _hit(world, row, _EYE, rays.direction)
         is_nearer = is_hit & (length >= NEAR_M) & (length < best)
@@ -203,11 +203,11 @@ def painted(
         "object_id": jnp.zeros(size, jnp.int32),
     }
 
-    def paint(number: Array, row: Primitives, carry: dict) -> dict:
+    def paint(number: Array, row: Table, carry: dict) -> dict:
         is_mine = surface == number
 
         def brush(carry: dict) -> dict:
-            meeting = row.skin(_EYE, rays.direction)
+            meeting = row.rows.skin(_EYE, rays.direction)
             new = {"object_id": row.object[None, None, None, None]}
             new["depth"] = jnp.broadcast_to(meeting.length, rays.size)[None, None]
             if {"light", "albedo"} & set(carry):
@@ -255,7 +255,7 @@ def lit(
         points = along(_EYE, rays.direction, jnp.where(is_there, depth, 0.0))
         chosen = world.everything() if every else world.casting(points, is_there)
 
-        def look(number: Array, row: Primitives, is_dark: Array) -> Array:
+        def look(number: Array, row: Table, is_dark: Array) -> Array:
             length, is_hit = _hit(world, row, points, (x, y, z))
             return is_dark | is_hit & (length > 0) & (surface != number)
 

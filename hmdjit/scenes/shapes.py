@@ -5,28 +5,26 @@ Lengths in metres, in a world that has the eye of the hold pose at its origin, +
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .. import _checks
-from .primitives import Capsules, Primitives, Quads, Spheres
+from .primitives import Capsules, Primitive, Quads, Spheres
 from .surfaces import Surface
 
 
 class Part(NamedTuple):
-    """One primitive, not painted yet, and its surface."""
+    """One primitive and its surface."""
 
-    primitive: Primitives
+    primitive: Primitive
     surface: Surface
 
 
 Shape = list[Part]
-Place = Sequence[float] | np.ndarray
+Place = Sequence[float | int | np.floating] | np.ndarray
 """Three numbers, m."""
-
-_LATER: Any = None  # filled in when a scene is put together
 
 
 def _vector(name: str, value: Place) -> np.ndarray:
@@ -65,7 +63,7 @@ def _quad(
     half = np.array([width / 2, height / 2])
     flags = np.asarray(is_round), np.asarray(is_one_sided)
     place = _vector("centre", centre)
-    return [Part(Quads(place, right, up, half, *flags, _LATER, _LATER), surface)]
+    return [Part(Quads(place, right, up, half, *flags), surface)]
 
 
 def rectangle(centre: Place, right: Place, up: Place, surface: Surface) -> Shape:
@@ -109,20 +107,22 @@ def box(
     return sides
 
 
-def sphere(centre: Place, radius_m: float, surface: Surface) -> Shape:
+def sphere(centre: Place, radius_m: float | int, surface: Surface) -> Shape:
     """Make a sphere, seen from outside."""
     _checks.in_range("radius_m", radius_m, 0, open_low=True)
     place, right, up = _vector("centre", centre), np.eye(3)[0], np.eye(3)[1]
     radius = np.asarray(radius_m, np.float64)
-    return [Part(Spheres(place, right, up, radius, _LATER, _LATER), surface)]
+    return [Part(Spheres(place, right, up, radius), surface)]
 
 
-def capsule(start: Place, end: Place, radius_m: float, surface: Surface) -> Shape:
+def capsule(start: Place, end: Place, radius_m: float | int, surface: Surface) -> Shape:
     """Make a cylinder with round ends about two points, seen from outside."""
     return _round(start, end, radius_m, surface, is_open=False)
 
 
-def cylinder(start: Place, end: Place, radius_m: float, surface: Surface) -> Shape:
+def cylinder(
+    start: Place, end: Place, radius_m: float | int, surface: Surface
+) -> Shape:
     """Make a cylinder with flat ends, seen from outside."""
     tube = _round(start, end, radius_m, surface, is_open=True)
     axis = _vector("end", end) - _vector("start", start)
@@ -139,14 +139,14 @@ def cylinder(start: Place, end: Place, radius_m: float, surface: Surface) -> Sha
 def _round(
     start: Place,
     end: Place,
-    radius_m: float,
+    radius_m: float | int,
     surface: Surface,
     *,
     is_open: bool,
 ) -> Shape:
     _checks.in_range("radius_m", radius_m, 0, open_low=True)
     start, end = _vector("start", start), _vector("end", end)
-    axis, length = _unit("axis", end - start)
+    axis, length = _unit("axis, from start to end,", end - start)
     row = Capsules(
         (start + end) / 2,
         _across(axis),
@@ -154,7 +154,5 @@ def _round(
         np.asarray(length / 2),
         np.asarray(radius_m, np.float64),
         np.asarray(is_open),
-        _LATER,
-        _LATER,
     )
     return [Part(row, surface)]

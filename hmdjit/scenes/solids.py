@@ -23,7 +23,7 @@ from ..frames.velocity import against_object
 from . import primitives, solid_channels, surfaces
 from .base import AbstractScene, Colors, Directions
 from .objects import Object, Paths, Sun
-from .primitives import Primitives
+from .primitives import Table
 from .ray_casting import Rays, World
 from .stored import StoredPlanes
 from .surfaces import AnyArray
@@ -46,7 +46,7 @@ class Solids(AbstractScene, AbstractSource):
     - `moves`: whether any object moves.
     """
 
-    tables: tuple[Primitives, ...]
+    tables: tuple[Table, ...]
     paths: Paths
     classes: Int[AnyArray, " objects"]
     to_sun: Float[AnyArray, "3"]
@@ -80,13 +80,9 @@ class Solids(AbstractScene, AbstractSource):
         gallery, rows = surfaces.Gallery(), {}
         for number, one in enumerate(objects, start=1):
             for primitive, surface in one.shapes:
-                own = {
-                    "paint": gallery.paint(surface),
-                    "object": np.asarray(number, np.int32),
-                }
-                kind = type(primitive)
-                row = kind(**{**vars(primitive), **own})
-                rows.setdefault(kind, []).append(row)
+                own = np.asarray(number, np.int32)
+                row = Table(primitive, gallery.paint(surface), own)
+                rows.setdefault(type(primitive), []).append(row)
         if not rows:
             raise ValueError("objects must have at least one shape, got none.")
         tables = tuple(primitives.stacked(found) for found in rows.values())
@@ -176,7 +172,7 @@ class Solids(AbstractScene, AbstractSource):
         time = jnp.asarray(view.frame, dtype) / rate
         turns = jax.vmap(quaternion.matrix_minus_identity)(paths.rotation * time)
 
-        def placed(table: Primitives) -> Primitives:
+        def placed(table: Table) -> Table:
             def to_head(vectors: Array) -> Array:
                 return vectors + _apply(back[None], vectors)
 
@@ -194,7 +190,8 @@ class Solids(AbstractScene, AbstractSource):
                     points = points - motion.position_m[None]
                 return to_head(points)
 
-            return table.turned(turn, shift)
+            rows = table.rows.turned(turn, shift)
+            return Table(rows, table.paint, table.object)
 
         to_sun = own(self.to_sun)
         return World(

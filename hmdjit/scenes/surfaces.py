@@ -19,7 +19,7 @@ from . import stored
 from .stored import StoredPlanes
 
 AnyArray = Array | np.ndarray
-Gamma = tuple[float, float, float]
+Gamma = tuple[float | int, float | int, float | int]
 """Red, green and blue in [0, 1]."""
 
 UNIFORM, CHECKERBOARD, STRIPES, PICTURE = range(4)  # pictures count on from the last
@@ -159,7 +159,7 @@ def light(
     )
     width, height = paint.cell_m.astype(a.dtype)
 
-    def either(is_first: Numbers) -> Float[Array, "3 h w"]:
+    def either(is_first: Bool[Array, "h w"]) -> Float[Array, "3 h w"]:
         return jnp.where(is_first[None], rgb(paint.first), rgb(paint.second))
 
     def fields() -> Float[Array, "3 h w"]:
@@ -186,7 +186,7 @@ def light(
     }
     if len(kinds) == 1:
         return ways[kinds[0]]()
-    index = jnp.searchsorted(jnp.asarray(kinds), paint.kind)
+    index = jnp.searchsorted(jnp.asarray(kinds, jnp.int32), paint.kind)
     return jax.lax.switch(index, [ways[kind] for kind in kinds])
 
 
