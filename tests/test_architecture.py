@@ -67,7 +67,17 @@ FOLDERS = {
         ("neck", "frame", "velocity"),
         ("sources",),
     ],
-    "scenes": [("base",), ("baking", "stored"), ("*",), ("study_set",)],
+    "scenes": [
+        ("base",),
+        ("baking", "stored"),
+        ("surfaces",),
+        ("primitives",),
+        ("shapes", "ray_casting"),
+        ("objects", "solid_channels"),
+        ("solids",),
+        ("*",),
+        ("study_set", "solid_set"),
+    ],
     "metrics": [("base",), ("*",)],
     "techniques": [
         ("small_motion",),

@@ -126,7 +126,9 @@ def test_depth_is_that_of_the_oracle(frame, truth):
     rtol = 1e-12 if ours.dtype == np.float64 else 1e-5
     is_near = is_inside & ~((depth > 100) & np.isfinite(depth))
     np.testing.assert_allclose(ours[is_near], depth[is_near], rtol=rtol)
-    np.testing.assert_allclose(1 / ours[is_inside], 1 / depth[is_inside], atol=10 * rtol)
+    np.testing.assert_allclose(
+        1 / ours[is_inside], 1 / depth[is_inside], atol=10 * rtol
+    )
     assert np.isinf(ours[is_inside]).any()
 
 

@@ -129,14 +129,18 @@ def _picked(mask: Bool[Array, " rows"]) -> Chosen:
 
 
 def _fold(world: World, chosen: list[Chosen], body: Callable, carry: Any) -> Any:
-    """Go through chosen rows; `body` takes a row's number, the row and the carry."""
+    """Go through chosen rows.
+
+    `body` takes a row's number, its table, a function that picks the row of a part of
+    the table (what is not picked is not in the program), and the carry.
+    """
     first = 0
     for table, picks in zip(world.tables, chosen, strict=True):
 
         def one(i: Any, carry: Any, table=table, picks=picks, first=first) -> Any:
             place = picks.rows[i]
-            row = jax.tree.map(lambda leaf: leaf[place], table)
-            return body(first + place, row, carry)
+            pick = lambda part: jax.tree.map(lambda leaf: leaf[place], part)
+            return body(first + place, table, pick, carry)
 
         carry = jax.lax.fori_loop(0, picks.used, one, carry)
         first += table.count
@@ -144,16 +148,17 @@ def _fold(world: World, chosen: list[Chosen], body: Callable, carry: Any) -> Any
 
 
 def _hit(
-    world: World, row: Table, origin: Vector, direction: Vector
+    world: World, table: Table, pick: Callable, origin: Vector, direction: Vector
 ) -> tuple[Plane, Mask]:
     """Length at which rays meet a row, and whether they do: not through its holes."""
-    length, is_hit = row.rows.hit(origin, direction)
-    if world.masks is None or not isinstance(row.rows, Quads):
+    row = pick(table.rows)
+    length, is_hit = row.hit(origin, direction)
+    if world.masks is None or not isinstance(row, Quads):
         return length, is_hit
-    a, b = row.rows.skin(origin, direction).place_m
-    width, height = row.rows.half_m
+    a, b = row.skin(origin, direction).place_m
+    width, height = row.half_m
     return length, is_hit & surfaces.is_solid(
-        row.paint, (a / width, b / height), world.masks
+        pick(table.paint.mask), (a / width, b / height), world.masks
     )
 
 
@@ -168,9 +173,9 @@ def nearest(
     world, rays = jax.lax.stop_gradient((world, rays))
     dtype = rays.x.dtype
 
-    def look(number: Array, row: Table, carry: tuple) -> tuple:
+    def look(number: Array, table: Table, pick: Callable, carry: tuple) -> tuple:
         best, surface = carry
-        length, is_hit = _hit(world, row, _EYE, rays.direction)
+        length, is_hit = _hit(world, table, pick, _EYE, rays.direction)
         is_nearer = is_hit & (length >= NEAR_M) & (length < best)
         return jnp.where(is_nearer, length, best), jnp.where(is_nearer, number, surface)
 
@@ -203,16 +208,18 @@ def painted(
         "object_id": jnp.zeros(size, jnp.int32),
     }
 
-    def paint(number: Array, row: Table, carry: dict) -> dict:
+    def paint(number: Array, table: Table, pick: Callable, carry: dict) -> dict:
         is_mine = surface == number
 
         def brush(carry: dict) -> dict:
-            meeting = row.rows.skin(_EYE, rays.direction)
-            new = {"object_id": row.object[None, None, None, None]}
+            meeting = pick(table.rows).skin(_EYE, rays.direction)
+            new = {}
+            if "object_id" in carry:
+                new["object_id"] = pick(table.object)[None, None, None, None]
             new["depth"] = jnp.broadcast_to(meeting.length, rays.size)[None, None]
             if {"light", "albedo"} & set(carry):
                 albedo = surfaces.light(
-                    row.paint, meeting.place_m, world.kinds, world.pictures
+                    pick(table.paint), meeting.place_m, world.kinds, world.pictures
                 )
                 new["albedo"] = jnp.broadcast_to(albedo, (3, *rays.size))[None]
             if "light" in carry:
@@ -255,8 +262,8 @@ def lit(
         points = along(_EYE, rays.direction, jnp.where(is_there, depth, 0.0))
         chosen = world.everything() if every else world.casting(points, is_there)
 
-        def look(number: Array, row: Table, is_dark: Array) -> Array:
-            length, is_hit = _hit(world, row, points, (x, y, z))
+        def look(number: Array, table: Table, pick: Callable, is_dark: Array) -> Array:
+            length, is_hit = _hit(world, table, pick, points, (x, y, z))
             return is_dark | is_hit & (length > 0) & (surface != number)
 
         is_dark = _fold(world, chosen, look, jnp.zeros(rays.size, bool))

@@ -76,16 +76,21 @@ def _block(
     alone = set(wanted) - {"shared light"}
 
     def sample(offset: Array) -> Painted:
-        extra = {"depth", "object_id"} if "velocity" in alone else set()
-        found = at_rays(world, rays(offset), chosen, alone | extra, every=every)
-        if "velocity" in alone and world.steps is not None:
-            increment, translation = world.steps
-            thing = found["object_id"][0] if increment.ndim == 2 else None
-            depth = found["depth"][0]
-            dx, dy = past_displacement(
-                camera, *place(offset), depth, increment, translation, thing
-            )
-            found["velocity"] = -jnp.stack([dx, dy])
+        if "velocity" not in alone or world.steps is None:
+            return at_rays(world, rays(offset), chosen, alone, every=every)
+        increment, translation = world.steps
+        each_moves = increment.ndim == 2
+        more = {"depth", "object_id"} if each_moves else {"depth"}
+        found = at_rays(world, rays(offset), chosen, alone | more, every=every)
+        dx, dy = past_displacement(
+            camera,
+            *place(offset),
+            found["depth"][0],
+            increment,
+            translation,
+            found["object_id"][0] if each_moves else None,
+        )
+        found["velocity"] = -jnp.stack([dx, dy])
         return {name: found[name] for name in alone}
 
     found = _each(sample, offsets) if alone else {}
@@ -116,7 +121,7 @@ def at_rays(
         found["motion_class"] = world.classes[found["object_id"]]
     if "coverage" in wanted:
         found["coverage"] = surface[None] + 1
-    return found
+    return {name: found[name] for name in wanted if name in found}
 
 
 def _painted(

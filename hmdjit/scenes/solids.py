@@ -23,7 +23,7 @@ from ..frames.velocity import against_object
 from . import primitives, solid_channels, surfaces
 from .base import AbstractScene, Colors, Directions
 from .objects import Object, Paths, Sun
-from .primitives import Table
+from .primitives import Primitive, Table
 from .ray_casting import Rays, World
 from .stored import StoredPlanes
 from .surfaces import AnyArray
@@ -86,7 +86,6 @@ class Solids(AbstractScene, AbstractSource):
         if not rows:
             raise ValueError("objects must have at least one shape, got none.")
         tables = tuple(primitives.stacked(found) for found in rows.values())
-        kinds = {int(kind) for table in tables for kind in table.paint.kind}
         sizes = {mask.shape for mask in gallery.masks}
         if len(sizes) > 1:
             raise ValueError(f"masks of a scene must have one size, got {sizes}.")
@@ -103,7 +102,7 @@ class Solids(AbstractScene, AbstractSource):
             background=surfaces.linear(background),
             pictures=tuple(gallery.pictures),
             masks=np.stack(gallery.masks) if gallery.masks else None,
-            kinds=tuple(sorted(kinds)),
+            kinds=tuple(sorted(gallery.kinds)),
             has_sun=sun is not None,
             has_shadows=light.has_shadows,
             moves=any(movement is not None for movement in movements),
@@ -137,7 +136,7 @@ class Solids(AbstractScene, AbstractSource):
     ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Cast a ray through each sample of each pixel."""
         offsets = jnp.asarray(samples_px, view.motion.offset.dtype)
-        world = self.world(view)
+        world = self.world(view, has_steps="velocity" in channels)
         found = set(channels) if world.steps is not None else {*channels} - {"velocity"}
         return solid_channels.seen(world, view, offsets, found)
 
@@ -158,8 +157,11 @@ class Solids(AbstractScene, AbstractSource):
             known = known & jnp.isfinite(motion.position_m).all()
         return known
 
-    def world(self, view: View) -> World:
-        """Return the scene at a frame, in the head's axes."""
+    def world(self, view: View, *, has_steps: bool = False) -> World:
+        """Return the scene at a frame, in the head's axes.
+
+        **Arguments:** `has_steps`: whether it says how things moved since the last one.
+        """
         motion, dtype = view.motion, view.motion.offset.dtype
         own = lambda leaf: (
             jnp.asarray(leaf, dtype)
@@ -170,28 +172,21 @@ class Solids(AbstractScene, AbstractSource):
         back = quaternion.matrix_minus_identity(-motion.offset)
         rate = jnp.asarray(view.camera.refresh_hz, dtype)
         time = jnp.asarray(view.frame, dtype) / rate
-        turns = jax.vmap(quaternion.matrix_minus_identity)(paths.rotation * time)
+
+        def moved(rows: Primitive, thing: AnyArray) -> Primitive:
+            turns = jax.vmap(quaternion.matrix_minus_identity)(paths.rotation * time)
+            turn = lambda vectors: vectors + _apply(turns[thing], vectors)
+            pivot, gone = paths.pivot[thing], paths.velocity[thing] * time
+            return rows.turned(turn, lambda points: pivot + turn(points - pivot) + gone)
 
         def placed(table: Table) -> Table:
-            def to_head(vectors: Array) -> Array:
-                return vectors + _apply(back[None], vectors)
-
-            def turn(vectors: Array) -> Array:
-                if self.moves:
-                    vectors = vectors + _apply(turns[table.object], vectors)
-                return to_head(vectors)
-
-            def shift(points: Array) -> Array:
-                if self.moves:
-                    arm = points - paths.pivot[table.object]
-                    points = points + _apply(turns[table.object], arm)
-                    points = points + paths.velocity[table.object] * time
-                if motion.position_m is not None:
-                    points = points - motion.position_m[None]
-                return to_head(points)
-
-            rows = table.rows.turned(turn, shift)
-            return Table(rows, table.paint, table.object)
+            rows = moved(table.rows, table.object) if self.moves else table.rows
+            to_head = lambda vectors: vectors + _apply(back[None], vectors)
+            eye = motion.position_m
+            from_eye = lambda points: points if eye is None else points - eye[None]
+            rows = rows.turned(to_head, lambda points: to_head(from_eye(points)))
+            paint = table.paint.needed(self.kinds, self.masks is not None)
+            return Table(rows, paint, table.object)
 
         to_sun = own(self.to_sun)
         return World(
@@ -202,7 +197,7 @@ class Solids(AbstractScene, AbstractSource):
             tuple(self.pictures),
             None if self.masks is None else jnp.asarray(self.masks),
             jnp.asarray(self.classes),
-            self._steps(motion, paths, time, 1 / rate),
+            self._steps(motion, paths, time, 1 / rate) if has_steps else None,
             self.kinds,
             self.has_sun,
             self.has_sun and self.has_shadows,

@@ -94,13 +94,26 @@ class Paint(eqx.Module):
     - `first`, `second`: colours, linear light.
     - `cell_m`: see `Surface`.
     - `mask`: which mask cuts holes; -1 is none.
+
+    A program that does not need one of them has None in its place.
     """
 
-    kind: Int[AnyArray, "*rows"]
+    kind: Int[AnyArray, "*rows"] | None
     first: Float[AnyArray, "*rows 3"]
-    second: Float[AnyArray, "*rows 3"]
-    cell_m: Float[AnyArray, "*rows 2"]
-    mask: Int[AnyArray, "*rows"]
+    second: Float[AnyArray, "*rows 3"] | None
+    cell_m: Float[AnyArray, "*rows 2"] | None
+    mask: Int[AnyArray, "*rows"] | None
+
+    def needed(self, kinds: Sequence[int], has_masks: bool) -> "Paint":
+        """Leave out what patterns of these kinds do not read."""
+        has_pattern = tuple(kinds) != (UNIFORM,)
+        return Paint(
+            self.kind if len(kinds) > 1 else None,
+            self.first,
+            self.second if has_pattern else None,
+            self.cell_m if has_pattern else None,
+            self.mask if has_masks else None,
+        )
 
 
 class Gallery:
@@ -109,6 +122,7 @@ class Gallery:
     def __init__(self):
         self.pictures: list[StoredPlanes] = []
         self.masks: list[np.ndarray] = []
+        self.kinds: set[int] = set()
 
     def paint(self, surface: Surface) -> Paint:
         """Make the row of a surface."""
@@ -118,6 +132,7 @@ class Gallery:
             kind += _place(self.pictures, surface.picture)
         if surface.mask is not None:
             mask = _place(self.masks, surface.mask)
+        self.kinds.add(kind)
         first, second = map(linear, (surface.first, surface.second))
         return Paint(
             np.asarray(kind, np.int32),
@@ -157,7 +172,7 @@ def light(
     rgb = lambda vector: jnp.broadcast_to(
         vector.reshape(3, *(1,) * len(size)).astype(a.dtype), (3, *size)
     )
-    width, height = paint.cell_m.astype(a.dtype)
+    width, height = (1.0, 1.0) if paint.cell_m is None else paint.cell_m
 
     def either(is_first: Bool[Array, "h w"]) -> Float[Array, "3 h w"]:
         return jnp.where(is_first[None], rgb(paint.first), rgb(paint.second))
@@ -184,14 +199,14 @@ def light(
         STRIPES: bands,
         **{PICTURE + n: (lambda p=p: hung(p)) for n, p in enumerate(pictures)},
     }
-    if len(kinds) == 1:
+    if (kind := paint.kind) is None:
         return ways[kinds[0]]()
-    index = jnp.searchsorted(jnp.asarray(kinds, jnp.int32), paint.kind)
+    index = jnp.searchsorted(jnp.asarray(kinds, jnp.int32), jnp.asarray(kind))
     return jax.lax.switch(index, [ways[kind] for kind in kinds])
 
 
 def is_solid(
-    paint: Paint,
+    mask: Int[Array, ""],
     place: tuple[Numbers, Numbers],
     masks: Bool[Array, "masks height width"],
 ) -> Bool[Array, "h w"]:
@@ -201,7 +216,7 @@ def is_solid(
     row = jnp.clip((1 - place[1]) / 2 * rows, 0, rows - 1).astype(jnp.int32)
 
     def holes() -> Bool[Array, "h w"]:
-        return masks[jnp.maximum(paint.mask, 0), row, column]
+        return masks[jnp.maximum(mask, 0), row, column]
 
     size = jnp.broadcast_shapes(row.shape, column.shape)
-    return jax.lax.cond(paint.mask >= 0, holes, lambda: jnp.ones(size, bool))
+    return jax.lax.cond(mask >= 0, holes, lambda: jnp.ones(size, bool))
