@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,11 +29,10 @@ def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
 
 
 class Argument(NamedTuple):
-    """What an argument of a function may be, or several that belong together.
+    """What an argument may be, or several that belong together: in words, and drawn.
 
-    - `over`: the range in words.
-    - `draw`: the n-th of them in float64, from a generator, the dtype that it will be
-      rounded to, and n; several in a tuple. Extremes come at fixed n.
+    `draw` gives the n-th of them in float64, several in a tuple, from a generator, the
+    dtype that it will be rounded to, and n. Extremes come at fixed n.
     """
 
     over: str
@@ -55,38 +55,30 @@ def own_size(arguments: Inputs, index: int) -> float:
 class Row:
     """A function to hold against its exact answer.
 
-    - `function`: of JAX arrays, unbatched; of what is drawn, if `eager`.
-    - `oracle`: of the same arguments in mpmath numbers (arrays are arrays of them);
-      a number, an array, or `Sized`.
-    - `bounds`: by dtype; those it lacks are not measured.
-    - `unit`: `"eps"`: the error is relative to the answer's largest entry, in units of
-      the dtype's eps; `"relative"`: without it. Else errors are absolute, in that unit.
-    - `name`: by default the function's path in the package.
-    - `floor`: smaller answers count as this large; a number, or of the arguments.
-    - `slope_unit`: gradients below the answer over this count as this large; a number,
-      or of all arguments and the place of one. None, or of 0, they have no floor.
-    - `wrt`: arguments to differentiate by; None is all that are floating.
-    - `kink`: tells where the answer has no derivative (ours must be finite).
-    - `kept`: tells which inputs are within the range, where arguments depend on others.
-    - `eager`: called input by input, not compiled and without a gradient: NumPy, and
-      what compiles by itself. What is drawn is not rounded.
-    - `count`, `quick`: how many inputs are drawn, and kept in the quick form.
+    An error in the unit `"eps"` is relative to the answer's largest entry, in units of
+    the dtype's eps; in `"relative"` without it; else it is absolute, in that unit.
     """
 
-    function: Callable[..., Any]
-    oracle: Callable[..., Any]
+    function: Callable[..., Any]  # of JAX arrays, unbatched
+    oracle: Callable[..., Any]  # of the same in mpmath numbers; an array, or `Sized`
     arguments: Sequence[Argument]
-    bounds: dict[str, Bound]
+    bounds: dict[str, Bound]  # by dtype; those it lacks are not measured
     unit: str = "eps"
-    name: str = ""
+    name: str = ""  # by default the function's path in the package
+    # Smaller answers count as this large; a number, or of the arguments.
     floor: float | Callable[..., float] = 0.0
+    # Gradients below the answer over this count as this large, unless it is 0; a
+    # number, or of all arguments and the place of one.
     slope_unit: float | Callable[[Inputs, int], float] = 0.0
-    wrt: tuple[int, ...] | None = None
-    kink: Callable[..., bool] | None = None
-    kept: Callable[..., bool] | None = None
+    wrt: tuple[int, ...] | None = None  # to differentiate by: None is all floating ones
+    kink: Callable[..., Any] = lambda *given: False  # no derivative; ours is finite
+    kept: Callable[..., Any] = lambda *given: (
+        True
+    )  # within ranges that depend on others
+    # Called input by input as they are drawn, not compiled and without a gradient.
     eager: bool = False
-    count: int = 50
-    quick: int = 24
+    count: int = 50  # of inputs
+    quick: int = 24  # of those in the quick form
 
     def __post_init__(self):
         module = getattr(self.function, "__module__", "").removeprefix("hmdjit.")
@@ -113,4 +105,8 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [x for x in found if self.kept is None or self.kept(*x)]
+        return [x for x in found if self.kept(*x)]
+
+
+scaled = partial(Row, slope_unit=own_size)
+in_numpy = partial(Row, eager=True, quick=0)

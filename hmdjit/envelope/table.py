@@ -3,9 +3,7 @@
 from . import curves, estimates, geometry, heads, pictures
 
 ROWS = [
-    *geometry.QUATERNIONS,
-    *geometry.CAMERAS,
-    *geometry.PASTS,
+    *geometry.GEOMETRY,
     *pictures.COLOURS,
     *pictures.READERS,
     *curves.CURVES,
