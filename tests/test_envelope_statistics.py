@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hmdjit.envelope import engine
+from hmdjit.envelope.engine import mp
 from hmdjit.envelope.estimates import ESTIMATES, truth
-from hmdjit.envelope.row import mp
 from hmdjit.estimates import estimate as estimates
 from hmdjit.estimates import intervals
 from hmdjit.estimates.estimate import mean_of, ratio

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from . import exact_geometry as exact
-from .row import Argument, Number, Rng
+from .engine import Argument, Number, Rng
 
 # Rotations, rad: none, denormals, below all squares, jitter, and to half a turn.
 ANGLES = (
@@ -43,22 +43,25 @@ def numbers(
     *extremes: Number,
     low: Number = 0,
     high: Number = 0,
-    is_logarithmic: bool = False,
+    decades: bool = False,
 ) -> Argument:
-    """Extremes in turn; if there is a range, then as many (at least 4) within it."""
+    """Extremes in turn; if there is a range, then as many (at least 4) within it.
+
+    **Arguments:** `decades`: numbers are spread over the range's logarithm.
+    """
     spare = max(len(extremes), 4) if high else 0
-    ends: Any = np.log10((low, high)) if is_logarithmic and high else (low, high)
+    ends: Any = np.log10((low, high)) if decades else (low, high)
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> Number:
         place = n % (len(extremes) + spare)
         if place < len(extremes):
             return extremes[place]
-        return 10 ** rng.uniform(*ends) if is_logarithmic else rng.uniform(*ends)
+        return 10 ** rng.uniform(*ends) if decades else rng.uniform(*ends)
 
     return Argument(over, draw)
 
 
-logarithmic = partial(numbers, is_logarithmic=True)
+logarithmic = partial(numbers, decades=True)
 
 
 def vectors(length: Argument, size: int = 3) -> Argument:
@@ -75,8 +78,7 @@ def vectors(length: Argument, size: int = 3) -> Argument:
 
 def arrays(size: Argument, *shape: int) -> Argument:
     """Of random entries of a size."""
-    draw = lambda rng, dtype, n: size.draw(rng, dtype, n) * rng.random(shape)
-    return Argument(size.over, draw)
+    return Argument(size.over, lambda rng, *n: size.draw(rng, *n) * rng.random(shape))
 
 
 def apart(argument: Argument) -> Argument:

@@ -7,13 +7,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .. import curves, sample_patterns
-from ..curve_fitting import CurveSpace
-from ..curve_fitting.space import FAMILIES, LOCALIZATIONS
+from .. import curves
+from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, CurveSpace
 from ..head_fitting import whittle
+from ..sample_patterns import radical_inverse
 from . import arguments as of
+from .engine import Argument, Bound, Row, Sized, eps, in_numpy, mp, scaled
 from .exact_geometry import Numbers
-from .row import Argument, Bound, Row, Sized, eps, in_numpy, mp, scaled
 
 _FARTHEST = 46  # documented: coordinates of curves count no farther
 _SMALLEST = mp.mpf(10) ** -30  # what is smaller counts as this large
@@ -85,45 +85,41 @@ def _natural(space: CurveSpace, point: Numbers) -> Sized:
     return Sized(numbers, [max(x, _SMALLEST) for x in numbers])
 
 
-def _numbers(space: CurveSpace, quick: int = 0) -> Row:
-    kind = f"{space.family}, {space.localization}, {space.samples}"
-    kink = lambda point: bool(np.any(np.abs(point) == _FARTHEST))
-    options: Any = {"slope_unit": 1.0, "kink": kink, "quick": quick}
+def _numbers(family: str, samples: int, localization: str, quick: int = 0) -> Row:
+    space = CurveSpace(family, samples, localization)
+    name = f"CurveSpace.natural ({family}, {localization}, {samples})"
+    options: Any = {"slope_unit": 1.0, "kink": _ends, "quick": quick, "name": name}
     oracle, given = partial(_natural, space), [of.coordinates(space.size)]
     # Differences of up to 92, and logarithms of up to 44, are rounded by half an eps of
     # that, which an exponential is off by; besides it some ten roundings.
-    name = f"CurveSpace.natural ({kind})"
-    return Row(space.natural, oracle, given, eps(64, 64), name=name, **options)
+    return Row(space.natural, oracle, given, eps(64, 64), **options)
 
 
-def _curve(name: str, *given: Any, **options: Any) -> Row:
-    # Curves rise from 0; what is smaller counts as this large.
-    return scaled(*given, floor=1e-30, name=f"curves.{name}", **options)
-
-
+# Curves rise from 0; what is smaller counts as this large.
+_curve = partial(scaled, floor=1e-30)
 _cosine = lambda share, exponent: curves.Cosine(exponent)(share)
-_spline_curve = lambda share, rises: curves.Spline(tuple(rises))(share)
+_rising = lambda share, rises: curves.Spline(tuple(rises))(share)
+_ends = lambda point: np.any(np.abs(point) == _FARTHEST)
 _steep = lambda share, exponent: share == 0 and exponent == 0.5
 _WORDS = "exponent 0.5 to 100"
 _POWER = of.logarithmic(_WORDS, 0.5, 1.0, 2.0, 100.0, low=0.5, high=100)
+_POWERS: Any = {"name": "curves.Cosine", "kink": _steep}
 _INDICES = (0, 1, 2, 15, 10**9 - 1, 123_456_789, 3**18, 5**12 - 1)
 _INDEX = [of.numbers("bases 2, 3, 5", 2, 3, 5), of.numbers("indices to 1e9", *_INDICES)]
 _ULPS = {"float64": Bound(4 * 2.0**-52)}
 _BOUNDS = lambda rng, dtype, n: whittle.log_bounds(1, (1.6, 30.0, 90.0, 1e3)[n % 4])
 _LOGITS = [of.coordinates(6, 3), Argument("1.6 to 1000 Hz", _BOUNDS)]
 _SIGMOIDS: Any = {"slope_unit": 1.0, "wrt": (0,), "count": 45}
-_NAME = "head_fitting.whittle.log_values"
+_RISING, _NAME = "curves.Spline", "head_fitting.whittle.log_values"
 
 CURVES = [
-    _curve("Kim", curves.Kim(), cosine, [of.SHARE], eps(8, 16)),
+    _curve(curves.Kim(), cosine, [of.SHARE], eps(8, 16), name="curves.Kim"),
     # A power takes its base's rounding times its exponent.
-    _curve("Cosine", _cosine, cosine, [of.SHARE, _POWER], eps(128, 256), kink=_steep),
-    _curve("Spline", _spline_curve, _spline, [of.SHARE, of.weights(5)], eps(16, 64)),
-    in_numpy(
-        sample_patterns.radical_inverse, _radical_inverse, _INDEX, _ULPS, "absolute"
-    ),
+    _curve(_cosine, cosine, [of.SHARE, _POWER], eps(128, 256), **_POWERS),
+    _curve(_rising, _spline, [of.SHARE, of.weights(5)], eps(16, 64), name=_RISING),
+    in_numpy(radical_inverse, _radical_inverse, _INDEX, _ULPS, "absolute"),
     # A sigmoid, a product and a sum.
     Row(_log_values, _exact_log_values, _LOGITS, eps(4, 4), name=_NAME, **_SIGMOIDS),
-    _numbers(CurveSpace(), quick=24),
-    *(_numbers(CurveSpace(f, 4, kind)) for f in FAMILIES for kind in LOCALIZATIONS),
+    _numbers("kim", 1, "linear", quick=24),
+    *(_numbers(family, 4, kind) for family in FAMILIES for kind in LOCALIZATIONS),
 ]

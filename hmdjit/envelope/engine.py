@@ -1,9 +1,10 @@
-"""The numerical envelope: how right each public function is, and over which range.
+"""A row of the table: a function, its exact answer, its arguments; and how right it is.
 
 Values are held against the answer in 300 digits (mpmath), and gradients, by reverse and
 by forward differentiation, against its central differences.
 """
 
+import dataclasses
 import math
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -13,13 +14,113 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from mpmath import mp as _context
 
-from .row import Inputs, Row, Sized, mp
-
+mp: Any = _context  # its types know too little
+DTYPES = ("float32", "float64")
+Rng = np.random.Generator
+Inputs = tuple[Any, ...]
+Number = float | int
 DIGITS = 300
 _STEP = mp.mpf(10) ** -45  # central differences err by the square, and cancel as much
 _LEAST_STEP = 1e-195  # of numbers of size 1 it leaves 100 digits
 _NOISE = 1e-100  # what differences of 300 digits are sure to
+
+
+class Bound(NamedTuple):
+    """Largest error: of the value, in the row's unit; of the gradient, in eps."""
+
+    value: Number
+    gradient: Number = math.nan
+
+
+def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
+    """Return the same bounds, in eps, for both dtypes."""
+    return dict.fromkeys(DTYPES, Bound(value, gradient))
+
+
+class Argument(NamedTuple):
+    """What an argument may be, or several that belong together: in words, and drawn.
+
+    `draw` gives the n-th of them in float64, several in a tuple, from a generator, the
+    dtype that it will be rounded to, and n. Extremes come at fixed n.
+    """
+
+    over: str
+    draw: Callable[[Rng, np.dtype, int], Any]
+
+
+class Sized(NamedTuple):
+    """An exact answer whose entries count by their own sizes, not by the largest."""
+
+    values: Any
+    sizes: Any
+
+
+def own_size(arguments: Inputs, index: int) -> float:
+    """Largest entry of an argument, as a `slope_unit`: by this much it may change."""
+    return float(np.max(np.abs(arguments[index])))
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A function to hold against its exact answer.
+
+    An error in the unit `"eps"` is relative to the answer's largest entry, in units of
+    the dtype's eps; in `"relative"` without it; else it is absolute, in that unit.
+    """
+
+    function: Callable[..., Any]  # of JAX arrays, unbatched
+    oracle: Callable[..., Any]  # of the same in mpmath numbers; an array, or `Sized`
+    arguments: Sequence[Argument]
+    bounds: dict[str, Bound]  # by dtype; those it lacks are not measured
+    unit: str = "eps"
+    name: str = ""  # by default the function's path in the package
+    # Smaller answers count as this large; a number, or of the arguments.
+    floor: float | Callable[..., float] = 0.0
+    # Gradients below the answer over this count as this large, unless it is 0; a
+    # number, or of all arguments and the place of one.
+    slope_unit: float | Callable[[Inputs, int], float] = 0.0
+    wrt: tuple[int, ...] | None = None  # to differentiate by: None is all floating ones
+    kink: Callable[..., Any] = lambda *given: False  # no derivative; ours is finite
+    kept: Callable[..., Any] = lambda *given: (
+        True
+    )  # within ranges that depend on others
+    # Called input by input as they are drawn, not compiled and without a gradient.
+    eager: bool = False
+    count: int = 50  # of inputs
+    quick: int = 24  # of those in the quick form
+
+    def __post_init__(self):
+        module = getattr(self.function, "__module__", "").removeprefix("hmdjit.")
+        name = self.name or f"{module}.{self.function.__name__}"
+        object.__setattr__(self, "name", name)
+
+    @property
+    def over(self) -> str:
+        """The ranges of all arguments in words."""
+        return "; ".join(dict.fromkeys(a.over for a in self.arguments if a.over))
+
+    def inputs(self, rng: Rng, dtype: np.dtype) -> list[Inputs]:
+        """Draw all inputs, rounded to a dtype."""
+        columns = []
+        for argument in self.arguments:
+            drawn = [argument.draw(rng, dtype, k) for k in range(self.count)]
+            # Else extremes would only meet those of other arguments at the same n.
+            order = rng.permutation(self.count) if columns else range(self.count)
+            columns.append([drawn[k] for k in order])
+        found = []
+        for parts in zip(*columns, strict=True):
+            each = [x for p in parts for x in (p if type(p) is tuple else (p,))]
+            if not self.eager:
+                arrays = [np.asarray(x) for x in each]
+                each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
+            found.append(tuple(each))
+        return [x for x in found if self.kept(*x)]
+
+
+scaled = partial(Row, slope_unit=own_size)
+in_numpy = partial(Row, eager=True, quick=0)
 
 
 class Measurement(NamedTuple):
@@ -79,10 +180,10 @@ def _measured(row: Row, dtype: str, seed: int, quick: bool) -> Measurement:
         each = [_errors(row, np.finfo(dtype), wrt, *one) for one in found]
     worst = [max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True)]
     (error, where), (absolute, _), (relative, _), (gradient, place) = worst
+    numbers = error, float(bound), absolute, relative
     slopes = gradient if wrt else math.nan, float(steepest)
-    numbers = error, float(bound), absolute, relative, *slopes
     named = row.name, row.over, dtype, row.unit
-    return Measurement(*named, *numbers, where, place, len(inputs), seed)
+    return Measurement(*named, *numbers, *slopes, where, place, len(inputs), seed)
 
 
 def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> tuple:
@@ -100,9 +201,8 @@ def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> tuple
 
     batch = [jnp.asarray(np.stack(column)) for column in zip(*inputs, strict=True)]
     values, slopes = jax.tree.map(np.asarray, all_of(*batch))
-    return values, [
-        jax.tree.map(lambda x, n=n: x[n], slopes) for n in range(len(inputs))
-    ]
+    at = lambda n: jax.tree.map(lambda slope: slope[n], slopes)
+    return values, [at(n) for n in range(len(inputs))]
 
 
 def _errors(
@@ -121,7 +221,7 @@ def _errors(
     relative, absolute = max(gaps / sizes), max(gaps)
     kinds = {"eps": relative / number.eps, "relative": relative}
     judged = kinds.get(row.unit, absolute)
-    where, worst = describe(arguments), [(0.0, "")]
+    where, worst = " ".join(map(_typed, arguments)), [(0.0, "")]
     is_kink, unit = row.kink(*arguments), row.slope_unit
     for i, slopes in zip(wrt, jacobians, strict=True):
         if is_kink:
@@ -141,6 +241,9 @@ def _errors(
     return [*errors, max(worst)]
 
 
+_ends = lambda x: f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
+# Small arrays so that they can be typed in again.
+_typed = lambda x: str(np.asarray(x).tolist()) if np.size(x) <= 100 else _ends(x)
 _float = lambda error: math.inf if mp.isnan(error) else float(error)
 _numbers_of = lambda answer: answer.values if isinstance(answer, Sized) else answer
 _entries = lambda answer: np.asarray(_numbers_of(answer), object).ravel()
@@ -181,10 +284,3 @@ def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
             sides.append(_entries(oracle(*given)))
         columns.append((sides[0] - sides[1]) / (2 * step))
     return np.array(columns, object).T
-
-
-def describe(arguments: Inputs) -> str:
-    """Write inputs in one line; small arrays so that they can be typed in again."""
-    ends = lambda x: f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
-    arrays = map(np.asarray, arguments)
-    return " ".join(str(x.tolist()) if x.size <= 100 else ends(x) for x in arrays)

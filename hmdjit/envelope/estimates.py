@@ -5,18 +5,15 @@ standard error's by what it would be were nothing paired, a bound's by value and
 half-width together. So a spread must keep its digits however far below the mean it is.
 """
 
-import itertools
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..estimates import estimate, intervals, planning
-from ..estimates.estimate import Estimate
-from ..estimates.intervals import Interval
 from . import arguments as of
-from .row import Argument, Bound, Rng, Row, Sized, in_numpy, mp
+from .engine import Argument, Bound, Rng, Row, Sized, in_numpy, mp
 
 # A sum of 1e5 is made of 16 additions and 10 halvings: 13 eps, were all to round one
 # way. Of a standard error that is half, and three for the roots and quotients.
@@ -24,10 +21,6 @@ _SUMMED = {"float64": Bound(16)}
 _NO_SPREAD = 1e-13  # documented: of the sessions' size, what counts as no spread
 _FEWEST = 50  # documented: of fewer sessions, intervals are resampled
 
-_COUNTS = (1, 2, 49, 50, 51)  # nothing to compare with, either side of the bootstrap
-_SPREADS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 3.0)
-_SIZES = (0.0, 1e-8, 1e-3, 1.0, 1e6, 0.1, 1 / 3, 441.67)
-_PAIRED = (0.0, 1.0, 0.97)
 _OVER = (
     "1, 2, 49 to 51, 1e5 sessions of 0, 1e-8 to 1e6; equal, equal but for 1e-12, "
     "lognormal to 3, in proportion, some NaN"
@@ -40,8 +33,11 @@ def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
 
     Within 56 every count, spread, size and pairing meets every other.
     """
-    count = 100_000 if n % 44 == 41 else _COUNTS[n % 5]
-    spread, size, paired = _SPREADS[n % 7], _SIZES[n % 8], _PAIRED[n % 3]
+    # Nothing to compare with, either side of the bootstrap, and many.
+    count = 100_000 if n % 44 == 41 else (1, 2, 49, 50, 51)[n % 5]
+    spread = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 3.0)[n % 7]
+    size = (0.0, 1e-8, 1e-3, 1.0, 1e6, 0.1, 1 / 3, 441.67)[n % 8]
+    paired = (0.0, 1.0, 0.97)[n % 3]
     z, w, (sign, noise) = rng.normal(size=(3, 2, count))
     # Heavy tails leave enough for a ratio, however few sessions there are.
     x = size * (0.1 + 0.6 * np.exp(spread * z))
@@ -60,8 +56,6 @@ def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
 _flickers = lambda x, *others: bool(np.all(np.nansum(x, axis=-1) > 0))
 _is_known = lambda *s: _flickers(*s) and bool(np.isfinite(s[0] + s[1]).all())
 _has_spread = lambda x, *others: _flickers(x) and x.shape[1] > 1
-
-
 Parts = list[tuple[Any, Any]]  # of an exact answer: numbers, and by what they count
 
 
@@ -164,17 +158,17 @@ def _exact_control(y: Any, t: Any, paths: Any, slope: Any) -> Parts:
 
 
 def _exact_estimates(x: np.ndarray, y: np.ndarray) -> Parts:
-    ratios = [_ratio(*pair) for pair in zip(x, y, strict=True)]
-    each = [part for one in ratios for part in (*one.estimate(), *one.gain())]
-    return each + _geometric_mean(x, y).estimate()
+    one, two = (_ratio(*pair) for pair in zip(x, y, strict=True))
+    parts = one.estimate() + two.estimate() + one.gain() + two.gain()
+    return parts + _geometric_mean(x, y).estimate()
 
 
-def _numbers(found: Estimate | Interval | float) -> list[float]:
+def _numbers(found: Any) -> list[float]:
     """Value, error and bounds; if resampled, how far these are on the wrong side."""
-    if not isinstance(found, Estimate | Interval):
+    if isinstance(found, float):
         return [found]
     value, error = found.value, found.standard_error
-    if isinstance(found, Estimate):
+    if isinstance(found, estimate.Estimate):
         return [value, error]
     if found.method.startswith("bootstrap"):
         gaps = found.low - value, value - found.high
@@ -188,21 +182,20 @@ def _estimates(x: np.ndarray, y: np.ndarray, nan_policy: Any) -> list[Any]:
     pairs = [(mean(one), mean(other)) for one, other in zip(x, y, strict=True)]
     ratios = [estimate.ratio(*pair) for pair in pairs]
     gains = [estimate.pairing_gain(*pair) for pair in pairs]
-    each = itertools.chain.from_iterable(zip(ratios, gains, strict=True))
-    return [*each, estimate.geometric_mean(ratios)]
+    return [*ratios, *gains, estimate.geometric_mean(ratios)]
 
 
 def _row(function: Callable, rows: Callable, oracle: Callable, **options: Any) -> Row:
     """Row of a function of some of what was drawn."""
 
+    @wraps(function)
     def measured(*drawn: Any) -> list[float]:
         found = function(*rows(*drawn), nan_policy="omit")
         found = found if isinstance(found, list) else [found]
         return [number for one in found for number in _numbers(one)]
 
     exact = lambda *drawn: Sized(*zip(*oracle(*rows(*drawn)), strict=True))
-    name = f"{function.__module__.removeprefix('hmdjit.')}.{function.__name__}"
-    options = {"name": name, "count": 88, **options}
+    options = {"count": 88, **options}
     return in_numpy(measured, exact, [_sessions], _SUMMED, **options)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .row import mp
+from .engine import mp
 
 Numbers = Any  # a NumPy array of mpmath numbers
 SIZE_PX = 1024, 768

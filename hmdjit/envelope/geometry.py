@@ -5,10 +5,9 @@ operation on the way of a value, twice as many of a gradient, with some room, si
 processors differ in what they fuse.
 """
 
-import functools
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import jax
@@ -22,7 +21,7 @@ from ..frames.motion import rebased_motion
 from ..reprojection import past_position
 from . import arguments as of
 from . import exact_geometry as exact
-from .row import Argument, Bound, Inputs, Rng, Row, eps, in_numpy, mp, own_size, scaled
+from .engine import Argument, Bound, Rng, Row, eps, in_numpy, mp, own_size, scaled
 
 
 @partial(Argument, "any angle, q and -q, length 0.99 to 1.01")
@@ -45,8 +44,6 @@ def _ray(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
 
 _FOV = of.numbers("0.1 to 179.9 deg", 0.1, 1.0, 16.0, 96.0, 96.0, 150.0, 179.0, 179.9)
 
-# --- rotations ---
-
 
 def _up_to_sign(q: Any) -> list:
     """At half a turn either sign is right; elsewhere the real part is not negative."""
@@ -68,13 +65,11 @@ _NEAR = "0, denormals, 1e-30 to 1 rad, from the hold pose"
 _PATH = [of.poses(_NEAR, *[of.rotation(most=1.0)] * 3, is_anywhere=False)]
 _VECTOR = of.vectors(of.logarithmic("vectors of 1e-6 to 1e6", low=1e-6, high=1e6))
 
-# --- cameras ---
-
 
 def _row(function: Callable, *given: Any, **options: Any) -> Row:
     """Row of a function of a camera, as one of a field of view."""
     at = lambda fov, *others: function(Camera(*exact.SIZE_PX, fov, 60.0), *others)
-    return scaled(functools.wraps(function)(at), *given, **options)
+    return scaled(wraps(function)(at), *given, **options)
 
 
 def _is_in_front(*given: Any) -> bool:
@@ -92,12 +87,6 @@ def _homography(fov: Any, rotation: Any) -> Any:
     return [*(to_pixel * turn * -(to_pixel**-1))]
 
 
-def _largest_factor(fov: Any, rotation: Any) -> float:
-    """By what K and K^-1 multiply entries of R that cancel: f, or (W / 2)^2 / f."""
-    focal = float(exact.focal_px(float(fov)))
-    return focal + (exact.SIZE_PX[0] / 2) ** 2 / focal
-
-
 def _px_per_deg(fov: Any, pixel: Any) -> list:
     """Speed of the picture when the head turns or nods."""
     x, y, _ = exact.ray(fov, pixel)
@@ -105,27 +94,25 @@ def _px_per_deg(fov: Any, pixel: Any) -> list:
     return [scale * mp.sqrt((1 + part**2) ** 2 + both) for part in (x, y)]
 
 
-def _own_or_to_180(arguments: Inputs, index: int) -> float:
+def _own_or_to_180(arguments: tuple, index: int) -> float:
     """Return the unit of slopes, which a roll cancels: of wide views f goes to 0."""
     size = own_size(arguments, index)
     return size if index else min(size, 180.0 - size)
 
 
+_focal = lambda fov: float(exact.focal_px(float(fov)))
+# By what K and K^-1 multiply entries of R that cancel: f, or (W / 2)^2 / f.
+_factor = lambda fov, turn: _focal(fov) + (exact.SIZE_PX[0] / 2) ** 2 / _focal(fov)
 _behind = lambda fov, ray: ray[2] >= 0
 _stacked = lambda *at: jnp.stack(camera.displacement(*at[:2], *at[2])[:2])
 _moved = partial(_row, _stacked, exact.displacement)
 _matrix = partial(_row, camera.homography, _homography, slope_unit=_own_or_to_180)
-_TURNED, _FAR = [_FOV, of.rotation(most=1.0)], [_FOV, of.rotation(1.0)]
-_ANYWHERE, _WHERE = [_FOV, of.rotation(), _pixel], [_FOV, _pixel]
+_WHERE = [_FOV, _pixel]
 _SMALL = [of.numbers("1024 px, 96 deg", 96.0), of.rotation(1e-7, 0.1), _pixel]
 _PX = {"float32": Bound(1e-3, 64), "float64": Bound(1e-11, 64)}
 _MOVED, _BY_FACTOR = "camera.displacement", "camera.homography, of f + (W / 2)^2 / f"
-_JUDGED: Any = {"name": _BY_FACTOR, "floor": _largest_factor, "quick": 0}
+_JUDGED: Any = {"name": _BY_FACTOR, "floor": _factor, "quick": 0}
 _FRONT: Any = {"name": _MOVED, "kept": _is_in_front, "count": 120}
-
-# --- Kim et al.'s equation (1), in cameras of 96 deg ---
-
-_FEW_PIXELS, _KIM = Camera(3, 2, 96.0, 60.0), Camera(1024, 1024, 96.0, 60.0)
 
 
 def _px(camera: Camera, region: Region, turn: Any, closeness: Any) -> Any:
@@ -141,7 +128,8 @@ def _exact_past(turn: Any, closeness: Any) -> Any:
 
 def _of_poses(dtype: str, bound: float, quick: int = 0) -> Row:
     """Row of past positions from poses, which are rounded when they are rebased."""
-    px = jax.jit(lambda turn, x0, y0: _px(_KIM, Region(x0, y0, 1, 1), turn, 0.0))
+    display = Camera(1024, 1024, 96.0, 60.0)
+    px = jax.jit(lambda turn, x0, y0: _px(display, Region(x0, y0, 1, 1), turn, 0.0))
     increment = lambda poses: rebased_motion(poses, dtype).increment[2]
     function = lambda poses, pixel: px(increment(poses), *pixel.astype(np.int32))
     oracle = lambda poses, pixel: exact.displacement(
@@ -152,7 +140,7 @@ def _of_poses(dtype: str, bound: float, quick: int = 0) -> Row:
     return Row(function, *given, name, eager=True, count=240, quick=quick)
 
 
-_past = partial(_px, _FEW_PIXELS, Region.whole(_FEW_PIXELS))
+_past = partial(_px, Camera(3, 2, 96.0, 60.0), Region(0, 0, 3, 2))
 _WORDS = "1e-7 to 0.1 rad per frame, any hold pose, up to 0.35 rad off it"
 _PLACE = Argument("1024 px, 96 deg", lambda rng, *_: rng.choice([0, 100, 511, 1023], 2))
 _DRAWN = [of.poses(_WORDS, of.rotation(0.01, 0.35), of.rotation(1e-7, 0.1)), _PLACE]
@@ -174,10 +162,10 @@ GEOMETRY = [
         _rebased, _exact_rebased, _ANY_PAIR, _ULPS, "absolute", "quaternion.rebase"
     ),
     # Near the image plane a ray's slope is 100 times what it moves.
-    _moved(_ANYWHERE, eps(16, 1e3), **_FRONT),
+    _moved([_FOV, of.rotation(), _pixel], eps(16, 1e3), **_FRONT),
     _moved(_SMALL, _PX, "px", f"{_MOVED}, px"),
-    _matrix(_TURNED, eps(16, 64), quick=0),
-    _matrix(_FAR, eps(16, 64), **_JUDGED),
+    _matrix([_FOV, of.rotation(most=1.0)], eps(16, 64), quick=0),
+    _matrix([_FOV, of.rotation(1.0)], eps(16, 64), **_JUDGED),
     _row(camera.pixel_to_ray, exact.ray, _WHERE, eps(4, 8)),
     _row(camera.ray_to_pixel, exact.project, [_FOV, _ray], eps(8, 16), kink=_behind),
     _row(camera.px_per_deg, _px_per_deg, _WHERE, eps(8, 16)),

@@ -15,7 +15,7 @@ from ..head_motion import HeadMotion
 from ..head_motion.discretisation import discretise
 from ..head_motion.parameters import Amplitude, Resonator
 from . import arguments as of
-from .row import Argument, Inputs, Rng, Row, Sized, eps, mp, own_size, scaled
+from .engine import Argument, Rng, Row, Sized, eps, mp, own_size, scaled
 
 
 @partial(Argument, "wander and modes, |drift| dt to 1e12")
@@ -56,14 +56,13 @@ _HALVES = (rate / 2 for rate in of.RATES_HZ)
 _FREQUENCY = of.logarithmic("0 to 5000 Hz", 0.0, *_HALVES, low=1e-4, high=5e3)
 
 
-def _wander(speed: Any, time: Any, back: Any, *others: Any, noise: Any = 0) -> Any:
-    noise = noise + 0 * speed
+def _wander(speed: Any, time: Any, back: Any, *others: Any, noise: Any = 0.0) -> Any:
     return HeadMotion((speed,) * 3, (time,) * 3, (noise,) * 3, back, 0.0, *others)
 
 
 def _mode(*given: Any) -> Any:
-    none, mode = 0 * given[0], Resonator(*((each,) * 3 for each in given))
-    return _wander(none, 1 + none, 15 + none, (mode,))
+    mode = Resonator(*((each,) * 3 for each in given))
+    return _wander(0.0, 1.0, 15.0, (mode,))
 
 
 def _terms(power: Any, a: Any, b: Any) -> list:
@@ -159,17 +158,14 @@ def transition(drift: np.ndarray, power: Any, dt: Any) -> list:
     return [*(moved - mp.eye(2)), *(law - moved * law * moved.T)]
 
 
-def _or_time(arguments: Inputs, index: int) -> float:
-    """At lag 0, where the slope of the covariance is 0."""
-    return own_size(arguments, index) or float(min(arguments[1], arguments[2]))
-
-
 _row = partial(scaled, count=69)
 # About the turn within a lag, the last of the times. Smaller ones have squares, or
 # slopes of them, that are denormal in float32.
 _turn = lambda speed, *times: speed * min(1, times[1] / times[0]) ** 0.5 * min(times)
 _turn_is_seen = lambda *head: not head[-1] or _turn(*head) > 1e-15
 _step_is_seen = lambda a, b, c, *others: _turn(a, b, c, 1 / others[-1]) > 1e-17
+# At lag 0, where the slope of the covariance is 0.
+_or_time = lambda given, index: own_size(given, index) or float(min(given[1:3]))
 _AT_REST: Any = {"slope_unit": _or_time, "quick": 0}
 _STEPS: Any = {"kept": _step_is_seen, "quick": 0}
 _rms = lambda *head: _wander(*head[:3]).increment_rms_deg(head[3])

@@ -1,11 +1,7 @@
-"""The envelope's rows of colours, blends, resampling and metrics.
+"""The envelope's rows of colours, blends, resampling and metrics."""
 
-Oracles are of mpmath numbers and arrays of them.
-"""
-
-import functools
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,12 +12,10 @@ from ..frames import resampling
 from ..theory.picture_statistics import DIRECTIONS, PictureStatistics
 from . import arguments as of
 from .curves import cosine
+from .engine import Argument, Bound, Rng, Row, eps, in_numpy, mp, own_size, scaled
 from .exact_geometry import Numbers
-from .row import Argument, Bound, Rng, Row, eps, in_numpy, mp, own_size, scaled
 
 mpf = mp.mpf
-
-# --- colour and blending, of one pixel ---
 
 
 def _encode(linear: Any) -> Any:
@@ -69,8 +63,7 @@ _exact_mixed = lambda now, past, weight: now * weight + past * (1 - weight)
 _black = lambda now, past, weight: not (now.any() or past.any())
 # What is black and all past is left with nothing but rounding.
 _past_is_seen = lambda now, past, weight: past.any() or not now.any()
-_MIX: Any = {"slope_unit": own_size, "kink": _black, "kept": _past_is_seen}
-_MIX["name"] = "blending.blend"
+_BLEND: Any = {"name": "blending.blend", "slope_unit": own_size, "kink": _black}
 # What is smaller squares to 0 in float32.
 _dark = partial(Row, floor=1e-17, kink=_equal)
 _share = partial(Row, floor=1.0)
@@ -80,27 +73,9 @@ _SHOWN = [of.apart(of.pictures(2, 3, 1, 1, levels=of.LEVELS[:-3]))]
 _SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", low=1e-8, high=1e6)
 _PAST = [of.arrays(_SAMPLE, 16, 3), of.weights(16)]
 
-COLOURS = [
-    # A power by logarithms loses as many eps as the exponent is large.
-    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
-    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
-    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
-    Row(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
-    _dark(color.distance, _distance, _HDR, eps(6, 8)),
-    _difference("euclidean", _euclidean),
-    _difference("max_channel", _largest),
-    scaled(blending.ease, _ease, [_speed], eps(16, 32), floor=1e-30, count=66),
-    _share(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2)),
-    _share(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2)),
-    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
-    Row(_mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), **_MIX),
-]
-
-# --- resampling: positions from the centre of texel (2, 2) ---
-
 
 def _read(kernel: Callable, picture: Numbers, dx: Any, dy: Any) -> Any:
-    """Sum of texels by a kernel in both directions; those beyond an edge are its."""
+    """Sum of texels about (2, 2) by a kernel; those beyond an edge are its."""
 
     def weights(position: Any, size: int) -> Numbers:
         base, found = int(mp.floor(position)), np.array([mpf(0)] * size)
@@ -133,10 +108,10 @@ def _reader(
         options["name"] = f"frames.resampling.bilinear, {stored.__name__} texels"
         options["wrt"] = 1, 2
     given = partial(_read, kernel), [_TEXELS, _OFFSET, _OFFSET], bounds
-    return Row(functools.wraps(read)(at), *given, **options)
+    return Row(wraps(read)(at), *given, **options)
 
 
-@functools.wraps(resampling.bilinear_by_slices)
+@wraps(resampling.bilinear_by_slices)
 def _by_slices(texels: Any, column: Any, row: Any, dx: Any, dy: Any) -> Any:
     span = jnp.stack([jnp.stack([dx[0, 0], dy[0, 0]])] * 2)
     place = jnp.int32(2), jnp.int32(2)
@@ -149,12 +124,26 @@ _linear = partial(_reader, kernel=_tent, kink=_on_a_texel)
 # Of which all dtypes have every digit.
 _TEXELS = Argument("", lambda rng, *_: rng.integers(0, 256, (4, 5)) / 256)
 _OFFSETS = (0.0, 1.0, -2.0, 3.0, 1e6, -1e6, 1e-30, -1e-30, 1e-6, -1e-6, 0.5 - 1e-3)
-_WORDS = "0, 1e-30 to 1e6 texels, beyond edges"
-_OFFSET = of.numbers(_WORDS, *_OFFSETS, low=-5, high=6)
+_OFFSET = of.numbers("0, 1e-30 to 1e6 texels, beyond edges", *_OFFSETS, low=-5, high=6)
 _TWO, _STORED = resampling.bilinear, {"float32": Bound(4, 8)}
 _WHOLE: Any = {"wrt": (0,), "slope_unit": own_size}
 
-READERS = [
+PICTURES = [
+    # A power by logarithms loses as many eps as the exponent is large.
+    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
+    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
+    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
+    Row(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
+    _dark(color.distance, _distance, _HDR, eps(6, 8)),
+    _difference("euclidean", _euclidean),
+    _difference("max_channel", _largest),
+    scaled(blending.ease, _ease, [_speed], eps(16, 32), floor=1e-30, count=66),
+    _share(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2)),
+    _share(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2)),
+    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
+    Row(
+        _mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_past_is_seen, **_BLEND
+    ),
     _reader(resampling.nearest, _box, eps(0, 0), **_WHOLE),
     _reader(resampling.catmull_rom, _keys, eps(8, 16), wrt=(1, 2), quick=0),
     _linear(_TWO, bounds=eps(4, 8)),
@@ -162,8 +151,6 @@ READERS = [
     _linear(_TWO, bounds=_STORED, stored=jnp.bfloat16),
     _linear(_TWO, bounds=_STORED, stored=jnp.float16),
 ]
-
-# --- metrics and statistics of pictures ---
 
 
 def _mtcd(clip: Numbers) -> Any:
@@ -219,10 +206,12 @@ _LEVELS = (0.0, 1e-8, 1e-3, 0.5, 1.0, 255.0, 1e6)
 _CLIP = [of.pictures(3, 2, 2, 3, levels=_LEVELS)]
 _PAIR = [of.apart(of.pictures(2, 2, 3, levels=_LEVELS))]
 _SCALES = of.numbers("1e4 frames of 1e-8 to 1", 1e-8, 1e-5, 1e-3, 0.1, 0.5, 1.0)
+_STREAMED = "metrics.base.Streamed"
 _LONG, _EACH = [of.arrays(_SCALES, 10_000, 1, 2, 3)], {"float64": Bound(1e4 * 2.0**-53)}
 _LENGTHS = (0.0, 1e-15, 1e-6, 0.2, 0.3, 0.6, 0.9, 3.0, 1e3, 1e6)
 _PX = of.logarithmic("0, 1e-15 to 1e6 px", *_LENGTHS, low=1e-2, high=100)
-_MOVED: Any = {"name": "theory.picture_statistics.PictureStatistics.difference"}
+_DISPLACED = "theory.picture_statistics.PictureStatistics.difference"
+_MOVED: Any = {"name": _DISPLACED, "kink": _at_rest}
 
 METRICS = [
     Row(metrics.mtcd, _mtcd, _CLIP, eps(8, 16)),
@@ -230,15 +219,6 @@ METRICS = [
     _error(metrics.rmsd, _rmsd, _PAIR, eps(8, 16)),
     _error(metrics.psnr, _psnr, _PAIR, _DECIBELS, "dB"),
     _error(metrics.snr, _snr, _PAIR, _DECIBELS, "dB", kink=_no_ratio),
-    in_numpy(
-        _streamed, _mtcd, _LONG, _EACH, "relative", "metrics.base.Streamed", count=6
-    ),
-    scaled(
-        _moved,
-        _displaced,
-        [_slopes, of.vectors(_PX, 2)],
-        eps(16, 32),
-        kink=_at_rest,
-        **_MOVED,
-    ),
+    in_numpy(_streamed, _mtcd, _LONG, _EACH, "relative", _STREAMED, count=6),
+    scaled(_moved, _displaced, [_slopes, of.vectors(_PX, 2)], eps(16, 32), **_MOVED),
 ]

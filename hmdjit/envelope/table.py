@@ -4,8 +4,7 @@ from . import curves, estimates, geometry, heads, pictures
 
 ROWS = [
     *geometry.GEOMETRY,
-    *pictures.COLOURS,
-    *pictures.READERS,
+    *pictures.PICTURES,
     *curves.CURVES,
     *heads.HEADS,
     *pictures.METRICS,
