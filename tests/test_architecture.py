@@ -120,8 +120,8 @@ FOLDERS = {
         ("fitting",),
     ],
     "envelope": [
-        ("row",),
-        ("engine", "exact_geometry"),
+        ("engine",),
+        ("exact_geometry",),
         ("arguments",),
         ("geometry", "curves", "heads", "estimates"),
         ("pictures",),

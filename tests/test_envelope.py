@@ -14,8 +14,8 @@ from hmdjit import HeadMotion, quaternion
 from hmdjit.cli import main as cli
 from hmdjit.envelope import engine
 from hmdjit.envelope import exact_geometry as exact
+from hmdjit.envelope.engine import DTYPES, Argument, Bound, Row, Sized, mp
 from hmdjit.envelope.heads import transition
-from hmdjit.envelope.row import DTYPES, Argument, Bound, Row, Sized, mp
 from hmdjit.envelope.table import ROWS
 from hmdjit.reports import envelope as report
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hmdjit.envelope import engine
+from hmdjit.envelope.engine import mp
 from hmdjit.envelope.estimates import ESTIMATES, truth
-from hmdjit.envelope.row import mp
 from hmdjit.estimates import estimate as estimates
 from hmdjit.estimates import intervals
 from hmdjit.estimates.estimate import mean_of, ratio
@@ -22,10 +22,10 @@ def measured(row, inputs=22):
 
     def is_kept(*drawn):
         is_small = np.size(drawn[0]) < 1000
-        return is_small and (row.kept is None or row.kept(*drawn))
+        return is_small and row.kept(*drawn)
 
     some = dataclasses.replace(row, kept=is_kept, quick=inputs)
-    return engine.measure_row(some, "float64", quick=True)
+    return next(engine.measure([some], quick=True))
 
 
 @pytest.mark.parametrize("row", ESTIMATES, ids=lambda row: row.name)

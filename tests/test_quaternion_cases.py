@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from hmdjit import camera as pinhole
 from hmdjit import quaternion
 from hmdjit.envelope import exact_geometry as exact
-from hmdjit.envelope.row import mp
+from hmdjit.envelope.engine import mp
 from hmdjit.frames import motion as motions
 
 ROUNDING = 1e-14  # a few dozen roundings of numbers of size 1 in float64

@@ -7,25 +7,25 @@ from typing import Any
 import numpy as np
 
 from . import exact_geometry as exact
-from .row import Argument, Number, Rng
+from .engine import Argument, Number, Rng
 
+# Rotations, rad: none, denormals, below all squares, jitter, and to half a turn.
 ANGLES = (
     *(0.0, 5e-310, 1e-40, 1e-30, 1e-20, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 3e-4),
     *(1e-3, 1e-2, 0.1, 1.0, 2.0, 3.0, math.pi - 1e-3, math.pi - 1e-6, math.pi),
 )
-"""Rotations, rad: none, denormals, below all squares, jitter, and to half a turn."""
 RATES_HZ = (1.0, 60.0, 90.0, 1000.0, 10_000.0)
 TIMES_S = (1e-6, 1e-3, 0.1, 1.0, 15.0, 1e3, 1e6)
+# Of searches, which go through any real numbers.
 COORDINATES = (
     *(0.0, 1e-9, -1e-9, 1.0, -1.0, 20.0, -20.0, 46.0, -46.0, 50.0, -50.0),
     *(700.0, -700.0, math.inf, -math.inf),
 )
-"""Of searches, which go through any real numbers."""
+# Black, far below a code value, the curve's joints, white, and high dynamic range.
 LEVELS = (
     *(0.0, 5e-310, 1e-40, 1e-30, 1e-8, 1e-3, 0.0031308, 0.04045, 0.04, 0.05, 0.5),
     *(1 - 1e-6, 1.0, 2.0, 1e3, 1e6),
 )
-"""Black, far below a code value, the curve's joints, white, and high dynamic range."""
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
@@ -38,31 +38,30 @@ def turned(start: Any, rotation: np.ndarray) -> np.ndarray:
     return exact.multiply(np.asarray(start), exact.exp(rotation)).astype(float)
 
 
-# --- numbers, vectors, arrays ---
-
-
 def numbers(
     over: str,
     *extremes: Number,
     low: Number = 0,
     high: Number = 0,
-    is_logarithmic: bool = False,
+    decades: bool = False,
 ) -> Argument:
-    """Extremes in turn; if there is a range, then as many (at least 4) within it."""
+    """Extremes in turn; if there is a range, then as many (at least 4) within it.
+
+    **Arguments:** `decades`: numbers are spread over the range's logarithm.
+    """
     spare = max(len(extremes), 4) if high else 0
+    ends: Any = np.log10((low, high)) if decades else (low, high)
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> Number:
         place = n % (len(extremes) + spare)
         if place < len(extremes):
             return extremes[place]
-        if is_logarithmic:
-            return 10 ** rng.uniform(math.log10(low), math.log10(high))
-        return rng.uniform(low, high)
+        return 10 ** rng.uniform(*ends) if decades else rng.uniform(*ends)
 
     return Argument(over, draw)
 
 
-logarithmic = partial(numbers, is_logarithmic=True)
+logarithmic = partial(numbers, decades=True)
 
 
 def vectors(length: Argument, size: int = 3) -> Argument:
@@ -79,8 +78,7 @@ def vectors(length: Argument, size: int = 3) -> Argument:
 
 def arrays(size: Argument, *shape: int) -> Argument:
     """Of random entries of a size."""
-    draw = lambda rng, dtype, n: size.draw(rng, dtype, n) * rng.random(shape)
-    return Argument(size.over, draw)
+    return Argument(size.over, lambda rng, *n: size.draw(rng, *n) * rng.random(shape))
 
 
 def apart(argument: Argument) -> Argument:
@@ -115,8 +113,6 @@ _SHARES = (0.0, 1.0, 0.5, 1 / 3, 2 / 3, 1e-30, 1e-8, 1e-6, 1 - 1e-6)
 SHARE = numbers("share 0, 1e-30 to 1", *_SHARES, high=1)
 FRACTION = numbers("fraction -1 to 2", *_SHARES, -1.0, 2.0, high=1)
 
-# --- rotations and the camera ---
-
 
 def rotation(least: float = 0.0, most: float = math.pi) -> Argument:
     """Rotation vectors of every angle, rad; none among them unless all are large."""
@@ -144,32 +140,10 @@ def poses(over: str, *turns: Argument, is_anywhere: bool = True) -> Argument:
     return Argument(over, draw)
 
 
-def _quaternion(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
-    length = (-1) ** n * (1 + 0.01 * (n % 3 - 1))
-    return length * turned([1, 0, 0, 0], rotation().draw(rng, dtype, n))
-
-
-def _pixel(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
-    edges, size = rng.integers(0, 3, 2) / 2, np.array(exact.SIZE_PX)
-    return edges * (size - 1) + 0.5 if n % 2 else rng.uniform(0, 1, 2) * size
-
-
-def _ray(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
-    depth = (-1) ** (n % 5 == 4) * -(10 ** rng.uniform(-3, 3))
-    return np.array([*rng.normal(size=2), depth])
-
-
-QUATERNION = Argument("any angle, q and -q, length 0.99 to 1.01", _quaternion)
-FOV = numbers("0.1 to 179.9 deg", 0.1, 1.0, 16.0, 96.0, 96.0, 150.0, 179.0, 179.9)
-PIXEL, RAY = Argument("", _pixel), Argument("depth 1e-3 to 1e3, NaN behind", _ray)
-
-# --- pictures ---
-
-
 def pictures(*shape: int, levels: tuple = LEVELS) -> Argument:
     """Pictures that are unrelated, equal, nearly equal, or black but for the first.
 
-    **Arguments:** `shape`: the first axis goes over pictures, the last over channels.
+    **Arguments:** `shape`: the first axis goes over pictures.
     """
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:

@@ -7,18 +7,16 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .. import curves, sample_patterns
-from ..curve_fitting import CurveSpace
-from ..curve_fitting.space import FAMILIES, LOCALIZATIONS
+from .. import curves
+from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, CurveSpace
 from ..head_fitting import whittle
+from ..sample_patterns import radical_inverse
 from . import arguments as of
+from .engine import Argument, Bound, Row, Sized, eps, in_numpy, mp, scaled
 from .exact_geometry import Numbers
-from .row import Argument, Bound, Row, Sized, eps, mp, own_size
 
 _FARTHEST = 46  # documented: coordinates of curves count no farther
 _SMALLEST = mp.mpf(10) ** -30  # what is smaller counts as this large
-
-# --- curves and sample patterns ---
 
 
 def cosine(share: Any, exponent: Any = 2) -> Any:
@@ -30,27 +28,21 @@ def cosine(share: Any, exponent: Any = 2) -> Any:
 def _spline(share: Any, rises: Numbers) -> Any:
     """Integral of the polygon of slopes up to a share, over all of it."""
     slopes = [2 * rises[0], *rises[1:-1], 2 * rises[-1]]
-    last = len(slopes) - 2
+    sides = np.diff(slopes)
+    bends = np.diff(sides, prepend=0)
 
     def until(end: Any) -> Any:
-        # What is next to the ends has a derivative: there the curve goes on.
-        knots = [mp.mpf(i) for i in range(min(max(int(end), 0), last) + 1)]
-        sides = [slopes[int(knot)] for knot in knots]
-        rise = slopes[len(knots)] - slopes[len(knots) - 1]
-        sides.append(sides[-1] + (end - knots[-1]) * rise)
-        trapezoids = zip(*map(itertools.pairwise, ([*knots, end], sides)), strict=True)
-        return mp.fsum((b - a) * (p + q) / 2 for (a, b), (p, q) in trapezoids)
+        # The first side goes on before the start: there the curve has a derivative.
+        powers = [end**2, *(max(end - k, 0) ** 2 for k in range(1, len(sides)))]
+        return slopes[0] * end + bends.dot(powers) / 2
 
-    return until(share * (last + 1)) / until(mp.mpf(last + 1))
+    return until(share * len(sides)) / until(len(sides))
 
 
 def _radical_inverse(base: int, index: int) -> Any:
     """Digits of an index, mirrored at the point."""
     digits = reversed(np.base_repr(index, base))
     return mp.fsum(int(x) / mp.mpf(base) ** (k + 1) for k, x in enumerate(digits))
-
-
-# --- searches, which go through any real numbers ---
 
 
 def _log_values(logits: Any, log_bounds: Any) -> Any:
@@ -72,68 +64,62 @@ def _exact_log_values(logits: np.ndarray, log_bounds: np.ndarray) -> Sized:
 
 def _natural(space: CurveSpace, point: Numbers) -> Sized:
     """Return a curve's numbers, as documented, which count by themselves."""
-    left = iter([min(max(x, mp.mpf(-_FARTHEST)), mp.mpf(_FARTHEST)) for x in point])
+    left = iter(np.clip(point, -_FARTHEST, _FARTHEST))
     take = lambda count: list(itertools.islice(left, count))
 
-    def simplex(count: int) -> list:
-        parts = [mp.exp(x) for x in [*take(count - 1), mp.mpf(0)]]
-        return [part / mp.fsum(parts) for part in parts]
+    def simplex(count: int) -> Numbers:
+        parts = [mp.exp(x) for x in [*take(count - 1), mp.zero]]
+        return np.array(parts) / mp.fsum(parts)
 
     w_min, below, log_h_max = take(3)
     w_min = _logistic(w_min)
-    numbers, away = [w_min, w_min * _logistic(below), mp.exp(log_h_max)], mp.mpf(1)
-    for step in take(space.samples):
-        away *= 1 - _logistic(step)
-        numbers.append(1 - away)
+    numbers = [w_min, w_min * _logistic(below), mp.exp(log_h_max)]
+    numbers += [*(1 - np.cumprod([1 - _logistic(x) for x in take(space.samples)]))]
     if space.samples > 1:
-        weights = list(itertools.accumulate(simplex(space.samples)))
-        numbers += [weight / mp.fsum(weights) for weight in weights]
+        weights = np.cumsum(simplex(space.samples))
+        numbers += [*(weights / mp.fsum(weights))]
     if space.family == "power":
         numbers.append(mp.mpf(1) / 2 + mp.exp(next(left)))
-    numbers += simplex(6) if space.family == "spline" else []
-    numbers += simplex(4) if space.localization == "spline" else []
+    numbers += [*simplex(6)] if space.family == "spline" else []
+    numbers += [*simplex(4)] if space.localization == "spline" else []
     return Sized(numbers, [max(x, _SMALLEST) for x in numbers])
 
 
-def _numbers(space: CurveSpace, quick: int = 0) -> Row:
-    kind = f"{space.family}, {space.localization}, {space.samples}"
-    kink = lambda point: bool(np.any(np.abs(point) == _FARTHEST))
-    options: Any = {"slope_unit": 1.0, "kink": kink, "quick": quick}
+def _numbers(family: str, samples: int, localization: str, quick: int = 0) -> Row:
+    space = CurveSpace(family, samples, localization)
+    name = f"CurveSpace.natural ({family}, {localization}, {samples})"
+    options: Any = {"slope_unit": 1.0, "kink": _ends, "quick": quick, "name": name}
     oracle, given = partial(_natural, space), [of.coordinates(space.size)]
     # Differences of up to 92, and logarithms of up to 44, are rounded by half an eps of
     # that, which an exponential is off by; besides it some ten roundings.
-    name = f"CurveSpace.natural ({kind})"
-    return Row(space.natural, oracle, given, eps(64, 64), name=name, **options)
+    return Row(space.natural, oracle, given, eps(64, 64), **options)
 
 
-def _curve(name: str, *given: Any, **options: Any) -> Row:
-    # Curves rise from 0; what is smaller counts as this large.
-    options = {"slope_unit": own_size, "floor": 1e-30, **options}
-    return Row(*given, name=f"curves.{name}", **options)
-
-
+# Curves rise from 0; what is smaller counts as this large.
+_curve = partial(scaled, floor=1e-30)
 _cosine = lambda share, exponent: curves.Cosine(exponent)(share)
-_spline_curve = lambda share, rises: curves.Spline(tuple(rises))(share)
+_rising = lambda share, rises: curves.Spline(tuple(rises))(share)
+_ends = lambda point: np.any(np.abs(point) == _FARTHEST)
 _steep = lambda share, exponent: share == 0 and exponent == 0.5
 _WORDS = "exponent 0.5 to 100"
 _POWER = of.logarithmic(_WORDS, 0.5, 1.0, 2.0, 100.0, low=0.5, high=100)
+_POWERS: Any = {"name": "curves.Cosine", "kink": _steep}
 _INDICES = (0, 1, 2, 15, 10**9 - 1, 123_456_789, 3**18, 5**12 - 1)
 _INDEX = [of.numbers("bases 2, 3, 5", 2, 3, 5), of.numbers("indices to 1e9", *_INDICES)]
 _ULPS = {"float64": Bound(4 * 2.0**-52)}
-_ABSOLUTE: Any = {"bounds": _ULPS, "unit": "absolute", "eager": True, "quick": 0}
 _BOUNDS = lambda rng, dtype, n: whittle.log_bounds(1, (1.6, 30.0, 90.0, 1e3)[n % 4])
 _LOGITS = [of.coordinates(6, 3), Argument("1.6 to 1000 Hz", _BOUNDS)]
 _SIGMOIDS: Any = {"slope_unit": 1.0, "wrt": (0,), "count": 45}
-_NAME = "head_fitting.whittle.log_values"
+_RISING, _NAME = "curves.Spline", "head_fitting.whittle.log_values"
 
 CURVES = [
-    _curve("Kim", curves.Kim(), cosine, [of.SHARE], eps(8, 16)),
+    _curve(curves.Kim(), cosine, [of.SHARE], eps(8, 16), name="curves.Kim"),
     # A power takes its base's rounding times its exponent.
-    _curve("Cosine", _cosine, cosine, [of.SHARE, _POWER], eps(128, 256), kink=_steep),
-    _curve("Spline", _spline_curve, _spline, [of.SHARE, of.weights(5)], eps(16, 64)),
-    Row(sample_patterns.radical_inverse, _radical_inverse, _INDEX, **_ABSOLUTE),
+    _curve(_cosine, cosine, [of.SHARE, _POWER], eps(128, 256), **_POWERS),
+    _curve(_rising, _spline, [of.SHARE, of.weights(5)], eps(16, 64), name=_RISING),
+    in_numpy(radical_inverse, _radical_inverse, _INDEX, _ULPS, "absolute"),
     # A sigmoid, a product and a sum.
     Row(_log_values, _exact_log_values, _LOGITS, eps(4, 4), name=_NAME, **_SIGMOIDS),
-    _numbers(CurveSpace(), quick=24),
-    *(_numbers(CurveSpace(f, 4, kind)) for f in FAMILIES for kind in LOCALIZATIONS),
+    _numbers("kim", 1, "linear", quick=24),
+    *(_numbers(family, 4, kind) for family in FAMILIES for kind in LOCALIZATIONS),
 ]

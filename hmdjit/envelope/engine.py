@@ -1,35 +1,133 @@
-"""The numerical envelope: how right each public function is, and over which range.
+"""A row of the table: a function, its exact answer, its arguments; and how right it is.
 
-A *row* of the table is a function, its exact answer, and the ranges of its arguments,
-spread over a logarithmic scale with the extremes among them. Values are held against
-the answer in 300 digits (mpmath), and gradients, by reverse and by forward
-differentiation, against its central differences. A *measurement* is the largest error
-of a row in one dtype, with the inputs that give it, and its bound.
+Values are held against the answer in 300 digits (mpmath), and gradients, by reverse and
+by forward differentiation, against its central differences.
 """
 
+import dataclasses
 import math
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from mpmath import mp as _context
 
-from .row import DTYPES, Inputs, Row, Sized, mp
-
+mp: Any = _context  # its types know too little
+DTYPES = ("float32", "float64")
+Rng = np.random.Generator
+Inputs = tuple[Any, ...]
+Number = float | int
 DIGITS = 300
 _STEP = mp.mpf(10) ** -45  # central differences err by the square, and cancel as much
 _LEAST_STEP = 1e-195  # of numbers of size 1 it leaves 100 digits
 _NOISE = 1e-100  # what differences of 300 digits are sure to
 
 
-class Measurement(NamedTuple):
-    """What was found of a row in one dtype.
+class Bound(NamedTuple):
+    """Largest error: of the value, in the row's unit; of the gradient, in eps."""
 
-    `error` is the largest in `unit`, that of the gradient in eps: NaN where there is
-    none, infinite where one is no number. `absolute` and `relative` are the largest
-    such errors; `worst`, `worst_gradient` the inputs that give them, of `inputs` many.
+    value: Number
+    gradient: Number = math.nan
+
+
+def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
+    """Return the same bounds, in eps, for both dtypes."""
+    return dict.fromkeys(DTYPES, Bound(value, gradient))
+
+
+class Argument(NamedTuple):
+    """What an argument may be, or several that belong together: in words, and drawn.
+
+    `draw` gives the n-th of them in float64, several in a tuple, from a generator, the
+    dtype that it will be rounded to, and n. Extremes come at fixed n.
+    """
+
+    over: str
+    draw: Callable[[Rng, np.dtype, int], Any]
+
+
+class Sized(NamedTuple):
+    """An exact answer whose entries count by their own sizes, not by the largest."""
+
+    values: Any
+    sizes: Any
+
+
+def own_size(arguments: Inputs, index: int) -> float:
+    """Largest entry of an argument, as a `slope_unit`: by this much it may change."""
+    return float(np.max(np.abs(arguments[index])))
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A function to hold against its exact answer.
+
+    An error in the unit `"eps"` is relative to the answer's largest entry, in units of
+    the dtype's eps; in `"relative"` without it; else it is absolute, in that unit.
+    """
+
+    function: Callable[..., Any]  # of JAX arrays, unbatched
+    oracle: Callable[..., Any]  # of the same in mpmath numbers; an array, or `Sized`
+    arguments: Sequence[Argument]
+    bounds: dict[str, Bound]  # by dtype; those it lacks are not measured
+    unit: str = "eps"
+    name: str = ""  # by default the function's path in the package
+    # Smaller answers count as this large; a number, or of the arguments.
+    floor: float | Callable[..., float] = 0.0
+    # Gradients below the answer over this count as this large, unless it is 0; a
+    # number, or of all arguments and the place of one.
+    slope_unit: float | Callable[[Inputs, int], float] = 0.0
+    wrt: tuple[int, ...] | None = None  # to differentiate by: None is all floating ones
+    kink: Callable[..., Any] = lambda *given: False  # no derivative; ours is finite
+    kept: Callable[..., Any] = lambda *given: (
+        True
+    )  # within ranges that depend on others
+    # Called input by input as they are drawn, not compiled and without a gradient.
+    eager: bool = False
+    count: int = 50  # of inputs
+    quick: int = 24  # of those in the quick form
+
+    def __post_init__(self):
+        module = getattr(self.function, "__module__", "").removeprefix("hmdjit.")
+        name = self.name or f"{module}.{self.function.__name__}"
+        object.__setattr__(self, "name", name)
+
+    @property
+    def over(self) -> str:
+        """The ranges of all arguments in words."""
+        return "; ".join(dict.fromkeys(a.over for a in self.arguments if a.over))
+
+    def inputs(self, rng: Rng, dtype: np.dtype) -> list[Inputs]:
+        """Draw all inputs, rounded to a dtype."""
+        columns = []
+        for argument in self.arguments:
+            drawn = [argument.draw(rng, dtype, k) for k in range(self.count)]
+            # Else extremes would only meet those of other arguments at the same n.
+            order = rng.permutation(self.count) if columns else range(self.count)
+            columns.append([drawn[k] for k in order])
+        found = []
+        for parts in zip(*columns, strict=True):
+            each = [x for p in parts for x in (p if type(p) is tuple else (p,))]
+            if not self.eager:
+                arrays = [np.asarray(x) for x in each]
+                each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
+            found.append(tuple(each))
+        return [x for x in found if self.kept(*x)]
+
+
+scaled = partial(Row, slope_unit=own_size)
+in_numpy = partial(Row, eager=True, quick=0)
+
+
+class Measurement(NamedTuple):
+    """The largest errors of a row in one dtype, and the inputs that give them.
+
+    `error` is in `unit`, that of the gradient in eps: NaN where there is none, infinite
+    where one is no number.
     """
 
     name: str
@@ -58,21 +156,17 @@ def measure(
 ) -> Iterator[Measurement]:
     """Measure every row in every dtype that it has a bound for.
 
-    The quick form has float32 only, and of each row the few inputs that it states.
+    The quick form has the first dtype only, and of each row the few inputs that it
+    states. Inputs depend on seed and name alone. Runs under float64, as a local choice:
+    what is float32 stays so.
     """
     for row in rows:
-        for dtype in row.bounds:
-            if not quick or (row.quick and dtype == DTYPES[0]):
-                yield measure_row(row, dtype, seed=seed, quick=quick)
+        dtypes = [*row.bounds]
+        for dtype in dtypes[: min(row.quick, 1)] if quick else dtypes:
+            yield _measured(row, dtype, seed, quick)
 
 
-def measure_row(
-    row: Row, dtype: str, *, seed: int = 0, quick: bool = False
-) -> Measurement:
-    """Measure a row in one dtype; inputs depend on seed and name alone.
-
-    Runs under float64, as a local choice: what is float32 stays so.
-    """
+def _measured(row: Row, dtype: str, seed: int, quick: bool) -> Measurement:
     with jax.enable_x64(True), mp.workdps(DIGITS):
         rng = np.random.default_rng([seed, zlib.crc32(row.name.encode())])
         inputs, (bound, steepest) = row.inputs(rng, np.dtype(dtype)), row.bounds[dtype]
@@ -86,24 +180,23 @@ def measure_row(
         each = [_errors(row, np.finfo(dtype), wrt, *one) for one in found]
     worst = [max(kind, key=lambda error: error[0]) for kind in zip(*each, strict=True)]
     (error, where), (absolute, _), (relative, _), (gradient, place) = worst
+    numbers = error, float(bound), absolute, relative
     slopes = gradient if wrt else math.nan, float(steepest)
-    numbers = error, float(bound), absolute, relative, *slopes
     named = row.name, row.over, dtype, row.unit
-    return Measurement(*named, *numbers, where, place, len(inputs), seed)
+    return Measurement(*named, *numbers, *slopes, where, place, len(inputs), seed)
 
 
 def _evaluated(row: Row, inputs: list[Inputs], wrt: tuple, quick: bool) -> tuple:
     """Values of all inputs; by argument, reverse and (unless quick) forward slopes."""
     if row.eager:
-        values = [np.ravel(row.function(*arguments)) for arguments in inputs]
-        return values, [[]] * len(inputs)
+        return [np.ravel(row.function(*given)) for given in inputs], [[]] * len(inputs)
     flat = lambda *arguments: jnp.ravel(row.function(*arguments))
+    modes = [jax.jacrev, jax.jacfwd][: 2 - quick] if wrt else []
 
     @jax.jit
     @jax.vmap
     def all_of(*arguments: Any) -> tuple[Any, ...]:
-        by = [jax.jacrev, jax.jacfwd][: 2 - quick] if wrt else []
-        jacobians = [jacobian(flat, wrt)(*arguments) for jacobian in by]
+        jacobians = [mode(flat, wrt)(*arguments) for mode in modes]
         return flat(*arguments), list(zip(*jacobians, strict=True))
 
     batch = [jnp.asarray(np.stack(column)) for column in zip(*inputs, strict=True)]
@@ -119,38 +212,41 @@ def _errors(
     exact = [exact_numbers(x) for x in arguments]
     least = max(float(number.tiny / number.eps), _NOISE**2)
     answer = row.oracle(*exact)
-    values, is_sized = _entries(answer), isinstance(answer, Sized)
+    is_sized, values = isinstance(answer, Sized), _entries(answer)
     largest = max((abs(x) for x in values if mp.isfinite(x)), default=0)
     sizes = answer.sizes if is_sized else [largest] * len(values)
     floor = max(row.floor(*arguments) if callable(row.floor) else row.floor, least)
     sizes = np.array([max(size, floor) for size in sizes])
-    gaps = np.array(distances(ours, values))
+    gaps = distances(np.reshape(ours, values.shape), values)
     relative, absolute = max(gaps / sizes), max(gaps)
     kinds = {"eps": relative / number.eps, "relative": relative}
     judged = kinds.get(row.unit, absolute)
-    where, worst = describe(arguments), [(0.0, "")]
-    is_kink = row.kink is not None and row.kink(*arguments)
+    where, worst = " ".join(map(_typed, arguments)), [(0.0, "")]
+    is_kink, unit = row.kink(*arguments), row.slope_unit
     for i, slopes in zip(wrt, jacobians, strict=True):
         if is_kink:
             is_finite = all(np.isfinite(slope).all() for slope in slopes)
             worst.append((0.0 if is_finite else math.inf, where))
             continue
-        unit = row.slope_unit
-        unit = unit(arguments, i) if callable(unit) else unit
         truth = _slope(row.oracle, exact, i)
+        change = unit(arguments, i) if callable(unit) else unit
         steepest = np.abs(truth) if is_sized else np.max(np.abs(truth))
-        smallest = sizes[:, None] / max(unit, number.tiny) if unit else least
+        smallest = sizes[:, None] / max(change, number.tiny) if change else least
         divisor = np.maximum(steepest, np.maximum(smallest, least))
         for slope in slopes:
-            gap = np.reshape(distances(slope, truth.ravel()), truth.shape)
-            error = np.max(gap / divisor / number.eps)
-            error = _float(error * (error > _NOISE))
-            worst.append((error, f"{where}; by argument {i}"))
+            gap = distances(np.reshape(slope, truth.shape), truth)
+            error = _float(np.max(gap / divisor / number.eps))
+            worst.append((error * (error > _NOISE), f"{where}; by argument {i}"))
     errors = [(_float(x), where) for x in (judged, absolute, relative)]
     return [*errors, max(worst)]
 
 
+_ends = lambda x: f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
+# Small arrays so that they can be typed in again.
+_typed = lambda x: str(np.asarray(x).tolist()) if np.size(x) <= 100 else _ends(x)
 _float = lambda error: math.inf if mp.isnan(error) else float(error)
+_numbers_of = lambda answer: answer.values if isinstance(answer, Sized) else answer
+_entries = lambda answer: np.asarray(_numbers_of(answer), object).ravel()
 _is_floating = lambda argument: getattr(argument, "dtype", np.dtype(int)).kind == "f"
 
 
@@ -158,25 +254,17 @@ def exact_numbers(argument: Any) -> Any:
     """Exactly the same numbers in mpmath; what is not floating stays as it is."""
     if not _is_floating(argument):
         return argument
-    found = np.empty(argument.size, object)
-    found[:] = [mp.mpf(float(x)) for x in np.ravel(argument)]
-    return found.reshape(argument.shape)[()]
+    numbers = [mp.mpf(x) for x in np.ravel(argument).tolist()]
+    return np.array(numbers, object).reshape(argument.shape)[()]
 
 
-def distances(ours: Any, exact: Any) -> list:
+@np.errstate(invalid="ignore")
+@partial(np.vectorize, otypes=[object])
+def distances(ours: Any, exact: Any) -> Any:
     """Difference of each entry; infinite where only one of them is a number."""
-    gaps = []
-    for x, y in zip(np.ravel(ours).tolist(), exact, strict=True):
-        is_right = math.isnan(x) if mp.isnan(y) else x == y
-        has_gap = not is_right and math.isfinite(x) and mp.isfinite(y)
-        gaps.append(abs(x - y) if has_gap else mp.mpf(0) if is_right else mp.inf)
-    return gaps
-
-
-def _entries(answer: Any) -> np.ndarray:
-    """Numbers of an exact answer in a row."""
-    numbers = answer.values if isinstance(answer, Sized) else answer
-    return np.asarray(numbers, object).ravel()
+    is_right = ours == exact or (math.isnan(ours) and mp.isnan(exact))
+    gap = mp.zero if is_right else abs(ours - exact)
+    return gap if mp.isfinite(gap) else mp.inf
 
 
 def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
@@ -196,12 +284,3 @@ def _slope(oracle: Callable, arguments: list, index: int) -> np.ndarray:
             sides.append(_entries(oracle(*given)))
         columns.append((sides[0] - sides[1]) / (2 * step))
     return np.array(columns, object).T
-
-
-def describe(arguments: Inputs) -> str:
-    """Write inputs in one line; small arrays so that they can be typed in again."""
-    texts = []
-    for x in map(np.asarray, arguments):
-        ends = f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
-        texts.append(str(x.tolist()) if x.size <= 100 else ends)
-    return " ".join(texts)

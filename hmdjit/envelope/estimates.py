@@ -5,46 +5,39 @@ standard error's by what it would be were nothing paired, a bound's by value and
 half-width together. So a spread must keep its digits however far below the mean it is.
 """
 
-import itertools
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..estimates import estimate, intervals, planning
-from ..estimates.estimate import Estimate
-from ..estimates.intervals import Interval
 from . import arguments as of
-from .row import Argument, Bound, Rng, Row, Sized, mp
+from .engine import Argument, Bound, Rng, Row, Sized, in_numpy, mp
 
-SUMMED = {"float64": Bound(16)}
-"""A sum of 1e5 is made of 16 additions and 10 halvings: 13 eps, were all to round one
-way. Of a standard error that is half, and three for the roots and quotients."""
-
+# A sum of 1e5 is made of 16 additions and 10 halvings: 13 eps, were all to round one
+# way. Of a standard error that is half, and three for the roots and quotients.
+_SUMMED = {"float64": Bound(16)}
 _NO_SPREAD = 1e-13  # documented: of the sessions' size, what counts as no spread
 _FEWEST = 50  # documented: of fewer sessions, intervals are resampled
 
-# --- sessions ---
-
-# Nothing to compare with, either side of the bootstrap.
-_COUNTS = (1, 2, 49, 50, 51)
-_SPREADS = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 3.0)
-_SIZES = (0.0, 1e-8, 1e-3, 1.0, 1e6, 0.1, 1 / 3, 441.67)
-_PAIRED = (0.0, 1.0, 0.97)
 _OVER = (
     "1, 2, 49 to 51, 1e5 sessions of 0, 1e-8 to 1e6; equal, equal but for 1e-12, "
     "lognormal to 3, in proportion, some NaN"
 )
 
 
+@partial(Argument, _OVER)
 def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
     """Sessions `(scene, session)`, derivatives of the first scene, and paths.
 
     Within 56 every count, spread, size and pairing meets every other.
     """
-    count = 100_000 if n % 44 == 41 else _COUNTS[n % 5]
-    spread, size, paired = _SPREADS[n % 7], _SIZES[n % 8], _PAIRED[n % 3]
+    # Nothing to compare with, either side of the bootstrap, and many.
+    count = 100_000 if n % 44 == 41 else (1, 2, 49, 50, 51)[n % 5]
+    spread = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 3.0)[n % 7]
+    size = (0.0, 1e-8, 1e-3, 1.0, 1e6, 0.1, 1 / 3, 441.67)[n % 8]
+    paired = (0.0, 1.0, 0.97)[n % 3]
     z, w, (sign, noise) = rng.normal(size=(3, 2, count))
     # Heavy tails leave enough for a ratio, however few sessions there are.
     x = size * (0.1 + 0.6 * np.exp(spread * z))
@@ -60,32 +53,56 @@ def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
     return x, y, dx, dy, np.append(paths, paths[0]), slope
 
 
-_SESSIONS = [Argument(_OVER, _sessions)]
 _flickers = lambda x, *others: bool(np.all(np.nansum(x, axis=-1) > 0))
 _is_known = lambda *s: _flickers(*s) and bool(np.isfinite(s[0] + s[1]).all())
 _has_spread = lambda x, *others: _flickers(x) and x.shape[1] > 1
-
-# --- exactly, by their definitions ---
+Parts = list[tuple[Any, Any]]  # of an exact answer: numbers, and by what they count
 
 
 class Truth(NamedTuple):
-    """An estimate, and what its parts are rounded from.
+    """An estimate, and what its parts are rounded from; one session has no error.
 
-    - `value`, `error`: the estimate and its standard error; NaN of one session.
-    - `size`: of the value, or of a mean's part in it.
-    - `spread`: the standard error, were nothing paired.
-    - `number`: of sessions.
-    - `is_rounding`: whether no session moves it by more than rounding.
+    `size` is that of the value, or of a mean's part in it; `spread` is the standard
+    error, were nothing paired.
     """
 
     value: Any
     error: Any
     size: Any
     spread: Any
-    number: int
-    is_rounding: bool = False
+    sessions: int
+    is_rounding: bool = False  # no session moves it by more than that
+
+    def estimate(self) -> Parts:
+        """Value and standard error."""
+        return [(self.value, self.size or 1), (self.error, self.spread or 1)]
+
+    def interval(self, is_logarithmic: bool = False) -> Parts:
+        """Besides them bounds, which are symmetric or so in logarithms."""
+        (value, size), (error, spread) = self.estimate()
+        if self.is_rounding:
+            error = mp.zero
+        elif 1 < self.sessions < _FEWEST:
+            # Resampled: only that there is one, about the value, can be asked of it.
+            return [(value, size), (1, 1), (0, size), (0, size)]
+        step = _level(0) * error
+        parts = [(value, size), (error, spread)]
+        for move in (-step, step):
+            end = value * mp.exp(move / value) if is_logarithmic else value + move
+            share = max(1, abs(end / value)) if value else 1
+            parts.append((end, size * share + (step if step > 0 else 0)))
+        return parts
+
+    def gain(self) -> Parts:
+        """How much less variance pairing leaves, which counts by what that loses."""
+        if not self.spread or self.error <= _NO_SPREAD * self.spread:
+            return [(mp.nan, 1)]
+        over = self.spread / self.error
+        return [(over**2, 2 * over**2 * max(over, 1))]
 
 
+# Half-width of an interval that errs with probability `0.05 / 2^analysis`.
+_level = lambda analysis: mp.sqrt(2) * mp.erfinv(1 - 1 / mp.mpf(20 << analysis))
 _is_finite = np.vectorize(mp.isfinite, [bool])
 
 
@@ -95,60 +112,25 @@ def truth(function: Callable, *samples: np.ndarray) -> Truth:
     Session i is the same one in all of them, and is not finite in those that lack it.
     """
     known = _is_finite(samples)
-    numbers = np.where(known, np.array(samples), mp.zero)
-    rows = list(zip(numbers, known.sum(axis=1).tolist(), strict=True))
-    means, count = [mp.fsum(x) / n for x, n in rows], min(n for _, n in rows)
-    orders = np.eye(len(rows), dtype=int).tolist()
-    weights = np.array([mp.diff(function, means, order) for order in orders])
-    parts = weights * [mp.fsum(x, absolute=True) / n for x, n in rows]
-    value = function(*means)
+    numbers, counts = np.where(known, samples, mp.zero), known.sum(axis=1).tolist()
+    means, count = numbers.sum(axis=1) / counts, min(counts)
+    orders = np.eye(len(means), dtype=int).tolist()
+    weights = np.array([mp.diff(function, [*means], order) for order in orders])
+    value, parts = function(*means), weights * abs(numbers).sum(axis=1) / counts
     size = max(abs(value), *abs(parts))
     if count == 1:
         return Truth(value, mp.nan, size, mp.inf, count)
     # What each session adds to the error, by each mean.
-    units = weights / [mp.sqrt(n * (n - 1)) for _, n in rows]
-    apart = np.where(known, numbers - np.array(means)[:, None], 0)
-    parts = apart * units[:, None]
+    units = weights / [mp.sqrt(n * (n - 1)) for n in counts]
+    parts = np.where(known, numbers - means[:, None], 0) * units[:, None]
     added, spread = parts.sum(axis=0), mp.norm(parts.ravel())
     largest = abs(numbers).max(axis=1).dot(abs(units))
     is_rounding = max(abs(added)) <= _NO_SPREAD * largest
     return Truth(value, mp.norm(added), size, spread, count, is_rounding)
 
 
-Parts = list[tuple[Any, Any]]
-"""Of an exact answer: numbers, and by what they count."""
-
-
-def _estimate(of: Truth) -> Parts:
-    return [(of.value, of.size or 1), (of.error, of.spread or 1)]
-
-
-def _interval(of: Truth, is_logarithmic: bool = False) -> Parts:
-    """Value, standard error and bounds, which are symmetric or so in logarithms."""
-    (value, size), (error, spread) = _estimate(of)
-    if of.is_rounding:
-        error = mp.zero
-    elif 1 < of.number < _FEWEST:
-        # Resampled: only that there is one, about the value, can be asked of it.
-        return [(value, size), (1, 1), (0, size), (0, size)]
-    step = mp.sqrt(2) * mp.erfinv(mp.mpf("0.95")) * error
-    parts = [(value, size), (error, spread)]
-    for move in (-step, step):
-        end = value * mp.exp(move / value) if is_logarithmic else value + move
-        share = max(1, abs(end / value)) if value else 1
-        parts.append((end, size * share + (step if step > 0 else 0)))
-    return parts
-
-
-def _gain(of: Truth) -> Parts:
-    """How much less variance pairing leaves, which counts by what that loses."""
-    if not of.spread or of.error <= _NO_SPREAD * of.spread:
-        return [(mp.nan, 1)]
-    over = of.spread / of.error
-    return [(over**2, 2 * over**2 * max(over, 1))]
-
-
 _mean, _ratio = partial(truth, lambda a: a), partial(truth, lambda a, b: a / b)
+_slope = partial(truth, lambda a, b, up, down: up / a - down / b)
 
 
 def _geometric_mean(x: np.ndarray, y: np.ndarray) -> Truth:
@@ -162,100 +144,81 @@ def _exact_geometric_mean(x: np.ndarray, y: np.ndarray) -> Parts:
     """As documented: a session that a scene lacks adds 0 to its sums."""
     known = _is_finite(x + y)
     both = np.where(known, [x, y], mp.zero)[..., known.any(axis=0)]
-    return _interval(_geometric_mean(*both), is_logarithmic=True)
+    return _geometric_mean(*both).interval(is_logarithmic=True)
 
 
 def _exact_control(y: Any, t: Any, paths: Any, slope: Any) -> Parts:
     """Without a slope predictions do not count; paths are sessions of their own."""
     if slope == 0:
-        return _estimate(_mean(y))
+        return _mean(y).estimate()
     function = lambda here, t, there: here + mp.mpf(slope) * (there - t)
     none = np.full(len(paths), mp.nan)
     here = [np.append(row, none) for row in (y + 0 * t, t + 0 * y)]
-    return _estimate(truth(function, *here, np.append(mp.nan * y, paths)))
+    return truth(function, *here, np.append(mp.nan * y, paths)).estimate()
 
 
 def _exact_estimates(x: np.ndarray, y: np.ndarray) -> Parts:
-    ratios = [_ratio(*pair) for pair in zip(x, y, strict=True)]
-    each = [part for one in ratios for part in (*_estimate(one), *_gain(one))]
-    return each + _estimate(_geometric_mean(x, y))
+    one, two = (_ratio(*pair) for pair in zip(x, y, strict=True))
+    parts = one.estimate() + two.estimate() + one.gain() + two.gain()
+    return parts + _geometric_mean(x, y).estimate()
 
 
-def _exact_level(analysis: int) -> Any:
-    """Half-width of an interval that errs with probability `0.05 / 2^analysis`."""
-    asked = mp.mpf("0.025") / mp.mpf(2) ** analysis
-    excess = lambda x: mp.log(mp.erfc(x / mp.sqrt(2)) / 2 / asked)
-    return mp.findroot(excess, mp.sqrt(-2 * mp.log(asked)))
-
-
-# --- what is measured ---
-
-
-def _numbers(found: Estimate | Interval | float) -> list[float]:
+def _numbers(found: Any) -> list[float]:
     """Value, error and bounds; if resampled, how far these are on the wrong side."""
-    if isinstance(found, Estimate):
-        return [found.value, found.standard_error]
-    if not isinstance(found, Interval):
+    if isinstance(found, float):
         return [found]
-    value, error, low, high = found.value, found.standard_error, found.low, found.high
+    value, error = found.value, found.standard_error
+    if isinstance(found, estimate.Estimate):
+        return [value, error]
     if found.method.startswith("bootstrap"):
-        return [value, float(error > 0), max(low - value, 0.0), max(value - high, 0.0)]
-    return [value, error, low, high]
+        gaps = found.low - value, value - found.high
+        return [value, float(error > 0), *(max(gap, 0.0) for gap in gaps)]
+    return [value, error, found.low, found.high]
 
 
 def _estimates(x: np.ndarray, y: np.ndarray, nan_policy: Any) -> list[Any]:
     """Ratio and gain of each scene, and the geometric mean over scenes."""
-    means = [[estimate.mean_of(x, nan_policy=nan_policy) for x in of] for of in (x, y)]
-    pairs = list(zip(*means, strict=True))
+    mean = partial(estimate.mean_of, nan_policy=nan_policy)
+    pairs = [(mean(one), mean(other)) for one, other in zip(x, y, strict=True)]
     ratios = [estimate.ratio(*pair) for pair in pairs]
     gains = [estimate.pairing_gain(*pair) for pair in pairs]
-    each = itertools.chain.from_iterable(zip(ratios, gains, strict=True))
-    return [*each, estimate.geometric_mean(ratios)]
+    return [*ratios, *gains, estimate.geometric_mean(ratios)]
 
 
-def _row(function: Callable, part: str, oracle: Callable, **options: Any) -> Row:
+def _row(function: Callable, rows: Callable, oracle: Callable, **options: Any) -> Row:
     """Row of a function of some of what was drawn."""
-    rows = _PARTS[part]
 
+    @wraps(function)
     def measured(*drawn: Any) -> list[float]:
         found = function(*rows(*drawn), nan_policy="omit")
         found = found if isinstance(found, list) else [found]
         return [number for one in found for number in _numbers(one)]
 
     exact = lambda *drawn: Sized(*zip(*oracle(*rows(*drawn)), strict=True))
-    name = f"{function.__module__.removeprefix('hmdjit.')}.{function.__name__}"
-    options = {"name": name, "count": 88, **options}
-    return Row(measured, exact, _SESSIONS, SUMMED, eager=True, quick=0, **options)
+    options = {"count": 88, **options}
+    return in_numpy(measured, exact, [_sessions], _SUMMED, **options)
 
 
-_PARTS = {
-    "technique": lambda x, *others: (x[0],),
-    "pair": lambda x, y, *others: (x[0], y[0]),
-    "scenes": lambda x, y, *others: (x, y),
-    "derivatives": lambda x, y, dx, dy, *others: (x[0], y[0], dx, dy),
-    "control": lambda x, y, dx, dy, paths, slope: (x[0], y[0], paths, slope),
-}
-_both_know = lambda x, y: (x + 0 * y, y + 0 * x)
-_exact_ratio = lambda *pair: _interval(_ratio(*_both_know(*pair)))
-_slope = partial(truth, lambda a, b, up, down: up / a - down / b)
-_mean_interval = lambda *x: _interval(_mean(*x))
+_technique = lambda x, *others: (x[0],)
+_pair = lambda x, y, *others: (x[0], y[0])
+_scenes = lambda x, y, *others: (x, y)
+_derivatives = lambda x, y, dx, dy, *others: (x[0], y[0], dx, dy)
+_control = lambda x, y, dx, dy, *others: (x[0], y[0], *others)
+_exact_ratio = lambda x, y: _ratio(x + 0 * y, y + 0 * x).interval()
 _derivative = intervals.log_ratio_derivative_interval
-_geometric = intervals.geometric_mean_ratio, "scenes", _exact_geometric_mean
+_exact_derivative = lambda *rows: _slope(*rows).interval()
+_geometric = intervals.geometric_mean_ratio, _scenes, _exact_geometric_mean
 _ALL: Any = {"name": "estimates.estimate.ratio, geometric_mean, pairing_gain"}
-_LEVELS = (
-    [of.numbers("interim analyses 1 to 199", *range(1, 200, 5))],
-    {"float64": Bound(8)},
-)
-_SLOPES: Any = {"count": 264, "kept": _is_known}
+_LEVELS = [of.numbers("interim analyses 1 to 199", *range(1, 200, 5))]
 
 ESTIMATES = [
-    _row(intervals.mean_interval, "technique", _mean_interval),
-    _row(intervals.ratio_interval, "pair", _exact_ratio),
+    _row(intervals.mean_interval, _technique, lambda x: _mean(x).interval()),
+    _row(intervals.ratio_interval, _pair, _exact_ratio),
     _row(*_geometric, kept=_flickers),
-    _row(_derivative, "derivatives", lambda *s: _interval(_slope(*s)), **_SLOPES),
-    _row(estimate.mean_of, "technique", lambda x: _estimate(_mean(x))),
-    _row(estimate.control_variate, "control", _exact_control, count=352),
-    _row(_estimates, "scenes", _exact_estimates, kept=_has_spread, **_ALL),
+    _row(_derivative, _derivatives, _exact_derivative, kept=_is_known, count=264),
+    _row(estimate.mean_of, _technique, lambda x: _mean(x).estimate()),
+    _row(estimate.control_variate, _control, _exact_control, count=352),
+    _row(_estimates, _scenes, _exact_estimates, kept=_has_spread, **_ALL),
     # A rational function of the root of a logarithm: some ten roundings.
-    Row(planning.interim_level, _exact_level, *_LEVELS, eager=True, count=41, quick=0),
+    in_numpy(planning.interim_level, _level, _LEVELS, {"float64": Bound(8)}, count=41),
 ]

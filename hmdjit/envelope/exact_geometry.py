@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .row import mp
+from .engine import mp
 
 Numbers = Any  # a NumPy array of mpmath numbers
 SIZE_PX = 1024, 768
@@ -18,11 +18,6 @@ def multiply(left: Numbers, right: Numbers) -> Numbers:
     """Hamilton product."""
     a, b, u, v = left[0], right[0], left[1:], right[1:]
     return np.array([a * b - u.dot(v), *(v * a + u * b + np.cross(u, v))])
-
-
-def conjugate(q: Numbers) -> Numbers:
-    """Inverse of a unit quaternion."""
-    return q * np.array([1, -1, -1, -1])
 
 
 def rotate(q: Numbers, vector: Numbers) -> Numbers:
@@ -49,9 +44,9 @@ def relative(start: Numbers, end: Numbers) -> Numbers:
     return multiply(conjugate(start), -end if start.dot(end) < 0 else end)
 
 
-def slerp(start: Numbers, end: Numbers, fraction: Any) -> Numbers:
-    """`start exp(fraction log(start^-1 end))`."""
-    return multiply(start, exp(log(relative(start, end)) * fraction))
+conjugate = lambda q: q * np.array([1, -1, -1, -1])  # the inverse, of unit length
+turn = lambda start, end: log(relative(start, end))
+slerp = lambda start, end, fraction: multiply(start, exp(turn(start, end) * fraction))
 
 
 def rotation_change(rotation: Numbers) -> Numbers:
@@ -79,13 +74,7 @@ def project(fov: Any, ray: Numbers, size: tuple[int, int] = SIZE_PX) -> Numbers:
     return place * focal_px(fov, size[0]) + np.array(size) / 2
 
 
-def turned(fov: Any, rotation: Numbers, pixel: Numbers, size: Any = SIZE_PX) -> Numbers:
-    """Ray of a pixel position, rotated."""
-    before = ray(fov, pixel, size)
-    return before + rotation_change(rotation).dot(before)
-
-
 def displacement(fov: Any, turn: Numbers, pixel: Numbers, size: Any = SIZE_PX) -> Any:
     """Where a rotated ray projects, from its pixel; 0 behind the camera."""
-    after = turned(fov, turn, pixel, size)
+    after = rotate(exp(turn), ray(fov, pixel, size))
     return project(fov, after, size) - pixel if after[2] < 0 else pixel * 0

@@ -5,8 +5,6 @@ terms, so that digits are lost to rounding alone. Exactly, the covariance of an 
 a sum of exponentials, and all else follows from it.
 """
 
-import itertools
-import math
 from functools import partial
 from typing import Any
 
@@ -17,14 +15,11 @@ from ..head_motion import HeadMotion
 from ..head_motion.discretisation import discretise
 from ..head_motion.parameters import Amplitude, Resonator
 from . import arguments as of
-from .row import Argument, Inputs, Rng, Row, Sized, eps, mp, own_size
-
-Terms = list[tuple[Any, Any]]  # amplitudes and rates, in pairs that may be complex
-
-# --- ranges ---
+from .engine import Argument, Rng, Row, Sized, eps, mp, own_size, scaled
 
 
-def _stiff(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
+@partial(Argument, "wander and modes, |drift| dt to 1e12")
+def _drift(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
     if n % 2:
         low, high = np.sort(10 ** rng.uniform(-6, 6, 2))
         return np.array([[-low, high], [0.0, -high]]), 2 * high
@@ -33,6 +28,7 @@ def _stiff(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
     return np.array([[0.0, w], [-w, -2 * z * w]]), 4 * z * w
 
 
+@partial(Argument, "0 Hz to half the rate, 1 to 10,000 Hz")
 def _sampled(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float]:
     rate = of.RATES_HZ[n // 5 % 5]
     share = (0.0, 1e-6, 1.0, rng.random(), 10 ** rng.uniform(-4, 0))[n % 5]
@@ -52,62 +48,57 @@ _BURSTS = [
     of.logarithmic("for 1e-6 to 1e6 s", 0.4, 1e-6, 1e6, low=1e-6, high=1e6),
 ]
 _RATE = of.numbers("1 to 10,000 Hz", *of.RATES_HZ)
-_FRAMES = Argument("lags 0 to 10", lambda rng, dtype, n: np.int32((0, 1, 2, 10)[n % 4]))
+_FRAMES = of.numbers("lags 0 to 10", 0, 1, 2, 10)
 _LAG = of.logarithmic("lags 0, 1e-6 to 1e6 s", 0.0, low=1e-6, high=1e6)
 _SHORT_LAG = of.logarithmic("lags 0, 1e-4 to 10 s", 0.0, low=1e-4, high=10)
 _STEP = of.logarithmic("steps 1e-6 to 1e6 s", low=1e-6, high=1e6)
-_STIFF = [Argument("wander and modes, |drift| dt to 1e12", _stiff), _STEP]
 _HALVES = (rate / 2 for rate in of.RATES_HZ)
 _FREQUENCY = of.logarithmic("0 to 5000 Hz", 0.0, *_HALVES, low=1e-4, high=5e3)
-_SAMPLED = Argument("0 Hz to half the rate, 1 to 10,000 Hz", _sampled)
-
-# --- heads ---
 
 
-def _wander(speed: Any, time: Any, back: Any, *others: Any, noise: Any = 0) -> Any:
-    noise = noise + 0 * speed
+def _wander(speed: Any, time: Any, back: Any, *others: Any, noise: Any = 0.0) -> Any:
     return HeadMotion((speed,) * 3, (time,) * 3, (noise,) * 3, back, 0.0, *others)
 
 
 def _mode(*given: Any) -> Any:
-    none, mode = 0 * given[0], Resonator(*((each,) * 3 for each in given))
-    return _wander(none, 1 + none, 15 + none, (mode,))
+    mode = Resonator(*((each,) * 3 for each in given))
+    return _wander(0.0, 1.0, 15.0, (mode,))
 
 
-def _terms(power: Any, a: Any, b: Any) -> Terms:
-    """White noise through two exponentials."""
+def _terms(power: Any, a: Any, b: Any) -> list:
+    """White noise through two exponentials: amplitudes and rates, maybe complex."""
     if a == b:
         b = b * (1 + mp.mpf(10) ** -20)  # the limit, to 20 digits
     scale = power / (b**2 - a**2)
     return [(scale / a, a), (-scale / b, b)]
 
 
-def _oscillator(speed: Any, frequency_hz: Any, damping: Any) -> Terms:
+def _oscillator(speed: Any, frequency_hz: Any, damping: Any) -> list:
     """Damped, under or over."""
     w, root = 2 * mp.pi * frequency_hz, mp.sqrt(mp.mpc(damping**2 - 1))
     power = 2 * speed**2 * w * damping
     return _terms(power, w * (damping - root), w * (damping + root))
 
 
-def _sampled_spectrum(terms: Terms, frequency_hz: Any, rate_hz: Any) -> Any:
+def _sampled_spectrum(terms: list, frequency_hz: Any, rate_hz: Any) -> Any:
     """One-sided density of the frame-difference velocity."""
     half = mp.sin(mp.pi * frequency_hz / rate_hz) ** 2
     kernel = lambda x: mp.sinh(x) / (mp.sinh(x / 2) ** 2 + half) if half else 0
     return 4 * rate_hz * half * _sum(terms, lambda r: kernel(r / rate_hz))
 
 
-def _increment_covariance(terms: Terms, frames: Any, rate_hz: Any) -> Sized:
+def _increment_covariance(terms: list, frames: Any, rate_hz: Any) -> Sized:
     law = lambda n: _structure(terms, n / rate_hz)
     at = lambda n: (law(n - 1) + law(n + 1)) / 2 - law(n)
     return Sized([at(int(frames))], [at(0)])
 
 
 _sum = lambda terms, function: mp.re(mp.fsum(c * function(r) for c, r in terms))
-_covariance = lambda terms, lag: _sum(terms, lambda r: mp.exp(-r * abs(lag)))
+_covariance = lambda terms, lag: _sum(terms, lambda r: mp.exp(-r * lag))
 _structure = lambda terms, lag: _sum(terms, lambda r: -2 * mp.expm1(-r * abs(lag)))
 _spectrum = lambda terms, w: 4 * w**2 * _sum(terms, lambda r: r / (r**2 + w**2))
 _wandering = lambda v, time, back: _terms(v**2 / time, 1 / time, 1 / back)
-_HEADS = {"wander": (_wander, _wandering), "mode": (_mode, _oscillator)}
+_HEADS = {"wander": (_wander, _wandering, _WANDER), "mode": (_mode, _oscillator, _MODE)}
 _LAWS = {
     "covariance": lambda x, lag: Sized([_covariance(x, lag)], [_covariance(x, 0)]),
     "structure_function": _structure,
@@ -117,12 +108,13 @@ _LAWS = {
 }
 
 
-def _law(name: str, kind: str, *given: Any, **options: Any) -> Row:
+def _law(name: str, kind: str, at: list, bounds: dict, **options: Any) -> Row:
     """Row of a law of a head of three numbers, at a lag or frequency."""
-    (head, terms), law = _HEADS[kind], _LAWS[name]
+    (head, terms, numbers), law = _HEADS[kind], _LAWS[name]
     measured = lambda a, b, c, *at: getattr(head(a, b, c), name)(*at)[0]
     oracle = lambda a, b, c, *at: law(terms(a, b, c), *at)
-    return _row(measured, oracle, *given, name=f"HeadMotion.{name}, {kind}", **options)
+    options["name"] = f"HeadMotion.{name}, {kind}"
+    return _row(measured, oracle, [*numbers, *at], bounds, **options)
 
 
 def _kurtosis(*given: Any) -> Any:
@@ -130,28 +122,20 @@ def _kurtosis(*given: Any) -> Any:
     return head.increment_kurtosis(60.0, memory_s=8 / 60)[0]
 
 
-def _exact_kurtosis(*given: Any) -> Any:
-    """Of turns at 60 Hz and 8 frames' memory, by the response to an impulse of noise.
-
-    What one frame's noise gives to the turn of a later frame is the integral of squared
-    differences of the response.
-    """
-    speed, time, back, noise, sd, bursts = given
-    dt, a, b = mp.mpf(1) / 60, 1 / time, 1 / back
+def _exact_kurtosis(speed: Any, time: Any, back: Any, noise: Any, *bursts: Any) -> Any:
+    """Of turns at 60 Hz and 8 frames' memory, by the response to a noise impulse."""
+    (sd, for_s), dt, a, b = bursts, mp.mpf(1) / 60, 1 / time, 1 / back
     if a == b:
         b = b * (1 + mp.mpf(10) ** -60)
-    size, gives = speed * mp.sqrt(2 * a) / (a - b), []
-    for k in range(8):
-        terms = []  # of the response's difference, within a frame
-        for sign, rate in ((size, b), (-size, a)):
-            before = mp.exp(-rate * (k - 1) * dt) if k else 0
-            terms.append((sign * (mp.exp(-rate * k * dt) - before), rate))
-        products = [(c * d, r + q) for c, r in terms for d, q in terms]
-        gives.append(mp.fsum(-c * mp.expm1(-r * dt) / r for c, r in products))
+    size, frames = speed * mp.sqrt(2 * a) / (a - b), range(8)
+    response = [[mp.exp(-b * k * dt), -mp.exp(-a * k * dt)] for k in frames]
+    steps = np.diff(size * np.array(response), axis=0, prepend=0)
+    within = [[-mp.expm1(-r * dt) / r for r in (b + q, a + q)] for q in (b, a)]
+    # What one frame's noise gives to the turn of a later one.
+    gives = (steps.dot(within) * steps).sum(axis=1)
+    shared = [mp.expm1(4 * sd**2 * mp.exp(-n * dt / for_s)) for n in frames]
+    pairs = gives.dot([[shared[abs(i - k)] for i in frames] for k in frames]).dot(gives)
     total = mp.fsum(gives) + 2 * noise**2
-    shared = [mp.expm1(4 * sd**2 * mp.exp(-n * dt / bursts)) for n in range(8)]
-    places = itertools.product(range(8), repeat=2)
-    pairs = mp.fsum(gives[i] * gives[j] * shared[abs(i - j)] for i, j in places)
     return 3 * pairs / total**2 if total else total
 
 
@@ -163,58 +147,44 @@ def _discretised(drift: Any, power: Any, dt: Any) -> Any:
 def transition(drift: np.ndarray, power: Any, dt: Any) -> list:
     """Transition minus identity, and noise's covariance, of two coupled states.
 
-    Noise of a power drives the second. By eigenvalues; the noise is what a stationary
-    law loses, of Lyapunov's equation.
+    Noise of a power drives the second: what a stationary law loses, of Lyapunov's
+    equation.
     """
-    a, ((b, c), (d, e)) = mp.matrix(drift.tolist()), drift
-    half = (b + e) / 2
-    root = mp.sqrt(mp.mpc(((b - e) / 2) ** 2 + c * d)) or mp.mpf(10) ** -25
-    up, down = (mp.exp((half + sign * root) * dt) for sign in (1, -1))
-    moved = mp.eye(2) * (up + down) / 2
-    moved += (a - half * mp.eye(2)) * ((up - down) / 2 / root)
-    moved = moved.apply(mp.re)
+    (b, c), (d, e) = drift
+    moved = mp.expm(mp.matrix(drift.tolist()) * dt)
     lyapunov = mp.matrix([[2 * b, 2 * c, 0], [d, b + e, c], [0, 2 * d, 2 * e]])
     x, y, z = mp.lu_solve(lyapunov, mp.matrix([0, 0, -power]))
     law = mp.matrix([[x, y], [y, z]])
     return [*(moved - mp.eye(2)), *(law - moved * law * moved.T)]
 
 
-def _turn(speed: Any, time: Any, back: Any, lag: Any) -> float:
-    """About the turn within a lag."""
-    return float(speed * min(1.0, math.sqrt(back / time)) * min(time, back, lag))
-
-
-def _or_time(arguments: Inputs, index: int) -> float:
-    """At lag 0, where the slope of the covariance is 0."""
-    return own_size(arguments, index) or float(min(arguments[1], arguments[2]))
-
-
-_row = partial(Row, slope_unit=own_size, count=69)
-# Smaller turns have squares, or slopes of them, that are denormal in float32.
+_row = partial(scaled, count=69)
+# About the turn within a lag, the last of the times. Smaller ones have squares, or
+# slopes of them, that are denormal in float32.
+_turn = lambda speed, *times: speed * min(1, times[1] / times[0]) ** 0.5 * min(times)
 _turn_is_seen = lambda *head: not head[-1] or _turn(*head) > 1e-15
 _step_is_seen = lambda a, b, c, *others: _turn(a, b, c, 1 / others[-1]) > 1e-17
+# At lag 0, where the slope of the covariance is 0.
+_or_time = lambda given, index: own_size(given, index) or float(min(given[1:3]))
 _AT_REST: Any = {"slope_unit": _or_time, "quick": 0}
-_SEEN: Any = {"kept": _turn_is_seen}
-_DENSITY = [*_WANDER, _SAMPLED], eps(64, 128)
+_STEPS: Any = {"kept": _step_is_seen, "quick": 0}
 _rms = lambda *head: _wander(*head[:3]).increment_rms_deg(head[3])
 _exact_rms = lambda *x: mp.sqrt(3 * _structure(_wandering(*x[:3]), 1 / x[3]))
-_RMS: Any = {"name": "HeadMotion.increment_rms_deg", "kept": _step_is_seen}
+_RMS = "HeadMotion.increment_rms_deg"
 _KURTOSIS: Any = {"name": "HeadMotion.increment_kurtosis", "floor": 1e-12, "count": 35}
-_FRAME_LAGS, _STEPS = [*_WANDER, _FRAMES, _RATE], {"kept": _step_is_seen, "quick": 0}
-_RINGING, _ASKED = [*_MODE, _SHORT_LAG], eps(32, 1e3)
 _DISCRETISE = "head_motion.discretisation.discretise"
 
 HEADS = [
-    _row(_discretised, transition, _STIFF, eps(32, 128), name=_DISCRETISE),
-    _law("covariance", "wander", [*_WANDER, _LAG], _ASKED, **_AT_REST),
-    _law("structure_function", "wander", [*_WANDER, _LAG], eps(32, 64), **_SEEN),
-    _law("velocity_spectrum", "wander", [*_WANDER, _FREQUENCY], eps(16, 32)),
+    _row(_discretised, transition, [_drift, _STEP], eps(32, 128), name=_DISCRETISE),
+    _law("covariance", "wander", [_LAG], eps(32, 1e3), **_AT_REST),
+    _law("structure_function", "wander", [_LAG], eps(32, 64), kept=_turn_is_seen),
+    _law("velocity_spectrum", "wander", [_FREQUENCY], eps(16, 32)),
     # A mode keeps its phase over hundreds of radians, by which its slopes are larger.
-    _law("covariance", "mode", _RINGING, _ASKED, quick=0),
-    _law("structure_function", "mode", _RINGING, _ASKED, quick=0),
-    _law("velocity_spectrum", "mode", [*_MODE, _FREQUENCY], eps(16, 32)),
-    _law("increment_covariance", "wander", _FRAME_LAGS, eps(32, 64), **_STEPS),
-    _law("sampled_velocity_spectrum", "wander", *_DENSITY, floor=1e-30),
-    _row(_rms, _exact_rms, [*_WANDER, _RATE], eps(16, 32), quick=0, **_RMS),
+    _law("covariance", "mode", [_SHORT_LAG], eps(32, 1e3), quick=0),
+    _law("structure_function", "mode", [_SHORT_LAG], eps(32, 1e3), quick=0),
+    _law("velocity_spectrum", "mode", [_FREQUENCY], eps(16, 32)),
+    _law("increment_covariance", "wander", [_FRAMES, _RATE], eps(32, 64), **_STEPS),
+    _law("sampled_velocity_spectrum", "wander", [_sampled], eps(64, 128), floor=1e-30),
+    _row(_rms, _exact_rms, [*_WANDER, _RATE], eps(16, 32), name=_RMS, **_STEPS),
     _row(_kurtosis, _exact_kurtosis, _BURSTS, eps(32, 64), quick=0, **_KURTOSIS),
 ]

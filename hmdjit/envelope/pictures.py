@@ -1,11 +1,7 @@
-"""The envelope's rows of colours, blends, resampling and metrics.
+"""The envelope's rows of colours, blends, resampling and metrics."""
 
-Oracles are of mpmath numbers and arrays of them.
-"""
-
-import functools
 from collections.abc import Callable
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,21 +12,10 @@ from ..frames import resampling
 from ..theory.picture_statistics import DIRECTIONS, PictureStatistics
 from . import arguments as of
 from .curves import cosine
+from .engine import Argument, Bound, Rng, Row, eps, in_numpy, mp, own_size, scaled
 from .exact_geometry import Numbers
-from .row import Argument, Bound, Rng, Row, eps, mp, own_size
 
 mpf = mp.mpf
-_scaled = partial(Row, slope_unit=own_size)
-
-# --- colour and blending ---
-
-
-def _pixel(function: Callable, *given: Any, kind: str = "", **options: Any) -> Row:
-    """Row of one pixel's colours, by what a function says of planes."""
-    chosen = partial(function, kind=kind) if kind else function
-    of_pixel = lambda *colours: chosen(*(c[..., None, None] for c in colours))
-    name = f"blending.color_difference ({kind})" if kind else ""
-    return Row(functools.wraps(function)(of_pixel), *given, name=name, **options)
 
 
 def _encode(linear: Any) -> Any:
@@ -45,6 +30,7 @@ def _decode(gamma: Any) -> Any:
     return ((gamma + mpf("0.055")) / mpf("1.055")) ** mpf("2.4")
 
 
+@partial(Argument, "h 0 to 2 h_max, an ulp beside it; h_max 1e-25 to 1e25 deg/s")
 def _speed(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, Any]:
     h_max, ulp = (1e-25, 1e-6, 25.0, 1e9, 1e25)[n // 9 % 5], np.finfo(dtype).eps
     share = (0.0, 1e-9, 1e-3, 0.5, 1 - ulp, 1.0, 1 + ulp, 2.0, rng.random())[n % 9]
@@ -56,77 +42,60 @@ def _past_color(samples: Numbers, weights: Numbers) -> Numbers:
     return np.array([*weights[:-1], 1 - mp.fsum(weights[:-1])]).dot(samples)
 
 
+def _difference(kind: str, oracle: Callable) -> Row:
+    function, name = blending.color_difference, f"blending.color_difference ({kind})"
+    return _dark(partial(function, kind=kind), oracle, _SHOWN, eps(8, 8), name=name)
+
+
 _at_joint = lambda x: any(abs(x / joint - 1) < 1e-6 for joint in (0.0031308, 0.04045))
 _equal = lambda one, other: np.max(np.abs(one - other)) < 1e-17
 _past = lambda x, weights: blending.past_color(list(x[..., None, None]), list(weights))
 _ease = lambda speed, h_max: cosine(min(speed, h_max) / h_max)
 _luma = lambda rgb: rgb.dot([mpf(weight) for weight in ("0.2126", "0.7152", "0.0722")])
-_distance = lambda one, other: mp.norm(one - other)
+_distance = lambda one, other: mp.norm((one - other).ravel())
 _squared = lambda one, other: _distance(one, other) ** 2
 _euclidean = lambda *two: min(_distance(*two) / mp.sqrt(3), mp.one)
-_largest = lambda one, other: min(max(abs(one - other)), mp.one)
+_largest = lambda one, other: min(max(abs(one - other).ravel()), mp.one)
 _minimum = lambda w_min, w_lb, difference: w_min - (w_min - w_lb) * difference
 _weight = lambda minimum, easing: minimum + (1 - minimum) * easing
-_blend = lambda now, past, weight: now * weight + past * (1 - weight)
+_mixed = lambda now, past, weight: blending.blend(now, past, weight[None, None])
+_exact_mixed = lambda now, past, weight: now * weight + past * (1 - weight)
 _black = lambda now, past, weight: not (now.any() or past.any())
-# What is smaller squares to 0 in float32.
-_dark = partial(_pixel, floor=1e-17, kink=_equal)
-_difference = partial(_dark, blending.color_difference)
-_mixed = partial(Row, floor=1.0)
-_LEVEL = of.logarithmic("0, 1e-30 to 1e6", *of.LEVELS, -1e-3, low=1e-12, high=1e6)
-_HDR = [of.apart(of.pictures(2, 3))]
-_SHOWN = [of.apart(of.pictures(2, 3, levels=of.LEVELS[:-3]))]
-_WORDS = "h 0 to 2 h_max, an ulp beside it; h_max 1e-25 to 1e25 deg/s"
-_SPEED = Argument(_WORDS, _speed)
-_SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", low=1e-8, high=1e6)
-_PAST = [of.arrays(_SAMPLE, 16, 3), of.weights(16)]
 # What is black and all past is left with nothing but rounding.
 _past_is_seen = lambda now, past, weight: past.any() or not now.any()
-_MIX: Any = {"slope_unit": own_size, "kink": _black, "kept": _past_is_seen}
-
-COLOURS = [
-    # A power by logarithms loses as many eps as the exponent is large.
-    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
-    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
-    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
-    _pixel(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
-    _dark(color.distance, _distance, _HDR, eps(6, 8)),
-    _difference(_euclidean, _SHOWN, eps(8, 8), kind="euclidean"),
-    _difference(_largest, _SHOWN, eps(8, 8), kind="max_channel"),
-    _scaled(blending.ease, _ease, [_SPEED], eps(16, 32), floor=1e-30, count=66),
-    _mixed(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2)),
-    _mixed(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2)),
-    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
-    _pixel(blending.blend, _blend, [*_HDR, of.SHARE], eps(4, 4), **_MIX),
-]
-
-# --- resampling: positions from the centre of texel (2, 2) ---
+_BLEND: Any = {"name": "blending.blend", "slope_unit": own_size, "kink": _black}
+# What is smaller squares to 0 in float32.
+_dark = partial(Row, floor=1e-17, kink=_equal)
+_share = partial(Row, floor=1.0)
+_LEVEL = of.logarithmic("0, 1e-30 to 1e6", *of.LEVELS, -1e-3, low=1e-12, high=1e6)
+_HDR = [of.apart(of.pictures(2, 3, 1, 1))]
+_SHOWN = [of.apart(of.pictures(2, 3, 1, 1, levels=of.LEVELS[:-3]))]
+_SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", low=1e-8, high=1e6)
+_PAST = [of.arrays(_SAMPLE, 16, 3), of.weights(16)]
 
 
-def _separable(kernel: Callable, taps: range) -> Callable[..., Any]:
-    """Sum of texels by a kernel in both directions; those beyond an edge are its."""
+def _read(kernel: Callable, picture: Numbers, dx: Any, dy: Any) -> Any:
+    """Sum of texels about (2, 2) by a kernel; those beyond an edge are its."""
 
     def weights(position: Any, size: int) -> Numbers:
         base, found = int(mp.floor(position)), np.array([mpf(0)] * size)
-        for tap in taps:
-            found[min(max(base + tap, 0), size - 1)] += kernel(position - base - tap)
+        for tap in range(base - 1, base + 3):
+            found[min(max(tap, 0), size - 1)] += kernel(position - tap)
         return found
 
-    def read(picture: Numbers, dx: Any, dy: Any) -> Any:
-        down, across = map(weights, (2 + dy, 2 + dx), picture.shape)
-        return down.dot(picture).dot(across)
-
-    return read
+    down, across = map(weights, (2 + dy, 2 + dx), picture.shape)
+    return down.dot(picture).dot(across)
 
 
 def _keys(t: Any) -> Any:
     """Keys' kernel, a = -1/2."""
     t = abs(t)
-    inner, outer = 3 * t**3 - 5 * t**2 + 2, -(t**3) + 5 * t**2 - 8 * t + 4
-    return (inner if t < 1 else outer) / 2
+    return (3 * t**3 - 5 * t**2 + 2 if t < 1 else -(t**3) + 5 * t**2 - 8 * t + 4) / 2
 
 
-def _reader(read: Callable, *given: Any, stored: Any = None, **options: Any) -> Row:
+def _reader(
+    read: Callable, kernel: Callable, bounds: Any, stored: Any = None, **options: Any
+) -> Row:
     two = jnp.full((1, 1), 2, jnp.int32)
 
     def at(picture: Any, dx: Any, dy: Any) -> Any:
@@ -138,12 +107,11 @@ def _reader(read: Callable, *given: Any, stored: Any = None, **options: Any) -> 
     if stored:
         options["name"] = f"frames.resampling.bilinear, {stored.__name__} texels"
         options["wrt"] = 1, 2
-    oracle, bounds = given
-    at = functools.wraps(read)(at)
-    return Row(at, oracle, [_TEXELS, _OFFSET, _OFFSET], bounds, **options)
+    given = partial(_read, kernel), [_TEXELS, _OFFSET, _OFFSET], bounds
+    return Row(wraps(read)(at), *given, **options)
 
 
-@functools.wraps(resampling.bilinear_by_slices)
+@wraps(resampling.bilinear_by_slices)
 def _by_slices(texels: Any, column: Any, row: Any, dx: Any, dy: Any) -> Any:
     span = jnp.stack([jnp.stack([dx[0, 0], dy[0, 0]])] * 2)
     place = jnp.int32(2), jnp.int32(2)
@@ -151,36 +119,44 @@ def _by_slices(texels: Any, column: Any, row: Any, dx: Any, dy: Any) -> Any:
 
 
 _on_a_texel = lambda picture, *place: any(abs(d - np.rint(d)) < 1e-20 for d in place)
-_linear = partial(_reader, kink=_on_a_texel)
-_nearest = _separable(lambda t: mpf(-0.5 <= t < 0.5), range(2))
-_bilinear = _separable(lambda t: 1 - abs(t), range(2))
-_cubic = _separable(_keys, range(-1, 3))
+_box, _tent = lambda t: mpf(-0.5 <= t < 0.5), lambda t: max(1 - abs(t), 0)
+_linear = partial(_reader, kernel=_tent, kink=_on_a_texel)
 # Of which all dtypes have every digit.
 _TEXELS = Argument("", lambda rng, *_: rng.integers(0, 256, (4, 5)) / 256)
 _OFFSETS = (0.0, 1.0, -2.0, 3.0, 1e6, -1e6, 1e-30, -1e-30, 1e-6, -1e-6, 0.5 - 1e-3)
-_WORDS = "0, 1e-30 to 1e6 texels, beyond edges"
-_OFFSET = of.numbers(_WORDS, *_OFFSETS, low=-5, high=6)
-_TWO, _HALF = resampling.bilinear, {"float32": Bound(4, 8)}
+_OFFSET = of.numbers("0, 1e-30 to 1e6 texels, beyond edges", *_OFFSETS, low=-5, high=6)
+_TWO, _STORED = resampling.bilinear, {"float32": Bound(4, 8)}
 _WHOLE: Any = {"wrt": (0,), "slope_unit": own_size}
-_PLACES: Any = {"wrt": (1, 2), "quick": 0}
 
-READERS = [
-    _reader(resampling.nearest, _nearest, eps(0, 0), **_WHOLE),
-    _reader(resampling.catmull_rom, _cubic, eps(8, 16), **_PLACES),
-    _linear(_TWO, _bilinear, eps(4, 8)),
-    _linear(_by_slices, _bilinear, eps(4, 8), quick=0),
-    _linear(_TWO, _bilinear, _HALF, stored=jnp.bfloat16),
-    _linear(_TWO, _bilinear, _HALF, stored=jnp.float16),
+PICTURES = [
+    # A power by logarithms loses as many eps as the exponent is large.
+    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
+    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
+    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
+    Row(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
+    _dark(color.distance, _distance, _HDR, eps(6, 8)),
+    _difference("euclidean", _euclidean),
+    _difference("max_channel", _largest),
+    scaled(blending.ease, _ease, [_speed], eps(16, 32), floor=1e-30, count=66),
+    _share(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2)),
+    _share(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2)),
+    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
+    Row(
+        _mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_past_is_seen, **_BLEND
+    ),
+    _reader(resampling.nearest, _box, eps(0, 0), **_WHOLE),
+    _reader(resampling.catmull_rom, _keys, eps(8, 16), wrt=(1, 2), quick=0),
+    _linear(_TWO, bounds=eps(4, 8)),
+    _linear(_by_slices, bounds=eps(4, 8), quick=0),
+    _linear(_TWO, bounds=_STORED, stored=jnp.bfloat16),
+    _linear(_TWO, bounds=_STORED, stored=jnp.float16),
 ]
-
-# --- metrics and statistics of pictures ---
 
 
 def _mtcd(clip: Numbers) -> Any:
     """Equation (6): mean distance of successive pixels, code values."""
-    pixels = (clip[1:] - clip[:-1]).reshape(-1, 3)
-    distances = [mp.sqrt(x) for x in (pixels**2).sum(axis=1)]
-    return 255 * mp.fsum(distances) / len(pixels)
+    pixels = np.diff(clip, axis=0).reshape(-1, 3)
+    return 255 * mp.fsum(map(mp.norm, pixels)) / len(pixels)
 
 
 def _displaced(slope_squared: Numbers, finest_px: Any, displacement: Numbers) -> Any:
@@ -209,16 +185,18 @@ def _moved(slope_squared: Any, finest_px: Any, displacement: Any) -> Any:
     return statistics.difference(displacement[None])[0]
 
 
-def _slopes(rng: Any, dtype: Any, n: int) -> tuple[np.ndarray, float]:
+@partial(Argument, "")
+def _slopes(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
     waves = rng.uniform(-0.1, 0.1, (3, DIRECTIONS))
     waves[:, 0] = 1.0
     return waves * 10 ** rng.uniform(-6, 0), 0.25
 
 
 _mse = lambda test, real: mp.fsum((test - real).ravel(), squared=True) / test.size
-_ratio = lambda power, error: power / error if error else mp.inf
-_psnr = lambda *two: 10 * mp.log10(_ratio(mpf(255) ** 2, _mse(*two)))
-_snr = lambda *two: 10 * mp.log10(_ratio(_mse(0 * two[1], two[1]), _mse(*two)))
+_rmsd = lambda *two: mp.sqrt(_mse(*two))
+_decibels = lambda power, error: 10 * mp.log10(power / error if error else mp.inf)
+_psnr = lambda *two: _decibels(mpf(255) ** 2, _mse(*two))
+_snr = lambda test, real: _decibels(_mse(0 * real, real), _mse(test, real))
 _no_ratio = lambda test, real: np.array_equal(test, real) or not real.any()
 _at_rest = lambda slopes, finest_px, displacement: not displacement.any()
 _error = partial(Row, kink=np.array_equal, count=72)
@@ -227,20 +205,20 @@ _DECIBELS = {"float32": Bound(1e-4, 8), "float64": Bound(2e-13, 8)}
 _LEVELS = (0.0, 1e-8, 1e-3, 0.5, 1.0, 255.0, 1e6)
 _CLIP = [of.pictures(3, 2, 2, 3, levels=_LEVELS)]
 _PAIR = [of.apart(of.pictures(2, 2, 3, levels=_LEVELS))]
-_SCALES = of.numbers("1e4 frames of 1e-8 to 1e6", 1e-8, 1e-5, 1e-3, 1.0, 1e3, 1e6)
+_SCALES = of.numbers("1e4 frames of 1e-8 to 1", 1e-8, 1e-5, 1e-3, 0.1, 0.5, 1.0)
+_STREAMED = "metrics.base.Streamed"
 _LONG, _EACH = [of.arrays(_SCALES, 10_000, 1, 2, 3)], {"float64": Bound(1e4 * 2.0**-53)}
 _LENGTHS = (0.0, 1e-15, 1e-6, 0.2, 0.3, 0.6, 0.9, 3.0, 1e3, 1e6)
 _PX = of.logarithmic("0, 1e-15 to 1e6 px", *_LENGTHS, low=1e-2, high=100)
-_MOVES = [Argument("", _slopes), of.vectors(_PX, 2)]
-_FRAMES: Any = {"name": "metrics.base.Streamed", "count": 6}
-_NAME = "theory.picture_statistics.PictureStatistics.difference"
+_DISPLACED = "theory.picture_statistics.PictureStatistics.difference"
+_MOVED: Any = {"name": _DISPLACED, "kink": _at_rest}
 
 METRICS = [
     Row(metrics.mtcd, _mtcd, _CLIP, eps(8, 16)),
     Row(metrics.mse, _mse, _PAIR, eps(8, 16), count=72),
-    _error(metrics.rmsd, lambda *x: mp.sqrt(_mse(*x)), _PAIR, eps(8, 16)),
+    _error(metrics.rmsd, _rmsd, _PAIR, eps(8, 16)),
     _error(metrics.psnr, _psnr, _PAIR, _DECIBELS, "dB"),
     _error(metrics.snr, _snr, _PAIR, _DECIBELS, "dB", kink=_no_ratio),
-    Row(_streamed, _mtcd, _LONG, _EACH, "relative", eager=True, quick=0, **_FRAMES),
-    _scaled(_moved, _displaced, _MOVES, eps(16, 32), name=_NAME, kink=_at_rest),
+    in_numpy(_streamed, _mtcd, _LONG, _EACH, "relative", _STREAMED, count=6),
+    scaled(_moved, _displaced, [_slopes, of.vectors(_PX, 2)], eps(16, 32), **_MOVED),
 ]

@@ -3,11 +3,8 @@
 from . import curves, estimates, geometry, heads, pictures
 
 ROWS = [
-    *geometry.QUATERNIONS,
-    *geometry.CAMERAS,
-    *geometry.PASTS,
-    *pictures.COLOURS,
-    *pictures.READERS,
+    *geometry.GEOMETRY,
+    *pictures.PICTURES,
     *curves.CURVES,
     *heads.HEADS,
     *pictures.METRICS,

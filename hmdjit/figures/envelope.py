@@ -16,8 +16,7 @@ from .. import quaternion
 from ..camera import Camera
 from ..envelope import exact_geometry as exact
 from ..envelope.arguments import turned, unit
-from ..envelope.engine import DIGITS, distances, exact_numbers
-from ..envelope.row import mp
+from ..envelope.engine import DIGITS, distances, exact_numbers, mp
 from ..frames.motion import rebased_motion
 from . import drawing
 
