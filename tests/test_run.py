@@ -388,8 +388,8 @@ def test_a_session_that_fails_is_left_out_only_by_choice(tmp_path, monkeypatch):
         study.run(seed=0, out=tmp_path)
     found = re.fullmatch(
         r"1 of 10 sessions gave no finite number \((\d)\); omit_failed=True "
-        r"\(--omit-failed\) leaves them out\. One cause is a head that turns more than "
-        r"margin_deg = 4 from where it started\. Finished batches are kept in (.*)\.",
+        r"leaves them out\. One cause is a head that turns more than margin_deg = 4 "
+        r"from where it started\. Finished batches are kept in (.*)\.",
         str(stop.value),
     )
     assert found
