@@ -59,7 +59,7 @@ def _times(count: int, clusters: bytes | None) -> UInt8[np.ndarray, "session _"]
     index = np.frombuffer(clusters, dtype=np.int64)
     units = int(index.max()) + 1
     of_unit = rng.multinomial(units, np.full(units, 1 / units), size=_REPLICATES)
-    times = np.zeros((count, _REPLICATES), np.uint8)
+    times = np.zeros((count, _REPLICATES), np.uint8, order="F")
     for unit in range(units):
         windows = np.flatnonzero(index == unit)
         share = np.full(len(windows), 1 / len(windows))
