@@ -1,3 +1,4 @@
+import contextlib
 import functools
 import gc
 import os
@@ -28,11 +29,29 @@ CACHED = {  # by environment, for workers and for the commands that tests run
 QUICKLY = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
 
 
+MOST_BYTES = 2**30
+
+
+def _programs(config):
+    """Folder of compiled programs: pytest's own, or one of this session alone.
+
+    JAX names a program by all that it is made of, so that none is out of date. (It can
+    bound the folder too, but then looks through all of it for each new program.)
+    """
+    with contextlib.suppress(AttributeError, OSError):  # no such plugin; read only
+        folder = config.cache.mkdir("programs")
+        if sum(file.stat().st_size for file in folder.iterdir()) > MOST_BYTES:
+            shutil.rmtree(folder, ignore_errors=True)
+        return str(folder)
+    folder = tempfile.mkdtemp(prefix="hmdjit-programs-")
+    config.add_cleanup(functools.partial(shutil.rmtree, folder, ignore_errors=True))
+    return folder
+
+
 def pytest_configure(config):
-    """Keep compiled programs in one folder for all processes of a test session."""
+    """Keep compiled programs in one folder for all processes, and later sessions."""
     if CACHE not in os.environ:
-        os.environ[CACHE] = folder = tempfile.mkdtemp(prefix="hmdjit-programs-")
-        config.add_cleanup(functools.partial(shutil.rmtree, folder, ignore_errors=True))
+        os.environ[CACHE] = _programs(config)
         config.add_cleanup(functools.partial(os.environ.pop, CACHE))
     jax.config.update(CACHE.lower(), os.environ[CACHE])
     for name, usual in CACHED.items():
@@ -56,7 +75,7 @@ def pytest_collection_finish():
 def _forget_programs():
     """Free what modules compiled: a process may map only 65,530 pieces of memory.
 
-    Programs that later modules share are then read from the session's folder.
+    Programs that later modules share are then read from their folder.
     """
     yield
     maps = pathlib.Path("/proc/self/maps")

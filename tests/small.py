@@ -1,7 +1,7 @@
 """One small display, picture, path and study that tests share, so that programs repeat.
 
 What is compiled depends on shapes and choices. A test that needs no size of its own
-takes these, and finds its program in the session's folder if another has compiled it.
+takes these, and finds its program in their folder if another has compiled it.
 """
 
 import functools

@@ -98,7 +98,8 @@ FOLDERS = {
     "estimates": [
         ("columns", "rows"),
         ("estimate",),
-        ("intervals", "planning", "cells"),
+        ("resampling", "planning", "cells"),
+        ("intervals",),
         ("summary",),
     ],
     "studies": [

@@ -201,7 +201,8 @@ def test_color_depends_on_the_direction_alone_whatever_its_length_and_shape(name
     np.testing.assert_array_equal(flat, color.reshape(3, 6))
     one = color_of(scene, camera, jnp.asarray(direction[:, 1, 2]))
     np.testing.assert_array_equal(one, color[:, 1, 2])
-    assert color_of(scene, camera, jnp.float32(direction)).dtype == jnp.float32
+    single = jax.eval_shape(color_of, scene, camera, jnp.float32(direction))
+    assert single.dtype == jnp.float32
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -104,6 +104,20 @@ def test_an_interruption_tells_how_to_go_on(tmp_path, capsys, monkeypatch):
     assert re.fullmatch(r"hmdjit: stopped;[^\n]*run the same command[^\n]*\n", error)
 
 
+@pytest.mark.parametrize(
+    ("more", "is_said"), [([], True), (["--tile-size", "8"], False)]
+)
+def test_small_tiles_are_said(more, is_said, tmp_path, capsys, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(hj.Study, "run", stopped)
+    frame = ["--width", "1832", "--height", "1920"]
+    assert cli.run([*SMALL, *frame, *more, "--out", str(tmp_path)]) == 130
+    said = "Tiles are of 8 px only, for no larger size divides 1832 x 1920 px"
+    assert (said in " ".join(capsys.readouterr().out.split())) == is_said
+
+
 def _interrupted(out, after_s):
     """Exit code and errors of a study, interrupted so long after its first import."""
     study = [*SMALL, "--sessions", "9999", "--out", str(out)]
@@ -179,8 +193,8 @@ def test_failed_sessions_are_left_out_only_by_choice(tmp_path, capsys, monkeypat
     assert cli.run(study) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(
-        "hmdjit: error: 1 of 6 sessions gave no finite number (3); omit_failed=True "
-        "(--omit-failed) leaves them out."
+        "hmdjit: error: 1 of 6 sessions gave no finite number (3); --omit-failed "
+        "leaves them out. One cause is a head that turns more than --margin 6 from"
     )
     assert cli.run([*study, "--omit-failed"]) == 0
     assert "Failed sessions, left out: 1." in " ".join(capsys.readouterr().out.split())
@@ -220,7 +234,10 @@ WRONG_STUDIES = [
     ),
     (["{bad_type}"], r"bad_type.toml: sessions must be a whole number, got 'many'"),
     (["--tile-size", "48"], r"--tile-size must divide .* 1024 x 1024, got 48; 128 doe"),
-    (["--width", "1000", "--height", "1001"], r"--tile-size must divide .* 1000 x 10"),
+    (
+        ["--width", "1000", "--height", "1001"],
+        r"--width and --height must .* got 1000 x 10",
+    ),
     (["--trace", "{trace}", "--tolerance", "0.1"], r"--tolerance and --budget need a"),
     (["--oversampling", "3"], r"oversampling must be 1, 2 or 4, got 3"),
     (["--tiles", "70000"], r"--tiles must lie in \[1, 65536\], got 70000"),

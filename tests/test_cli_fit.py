@@ -63,7 +63,7 @@ def _refused(arguments, out, capsys):
         (["--lag", "-1"], r"lag must lie in \[0, inf\), got -1"),
         (["--head", "seatd"], "Did you mean 'seated'"),
         (["--seed", "-1"], "seed must be a whole number >= 0"),
-        (["--width", "67"], "no size of 4 to 64 px divides 67 x 64"),
+        (["--width", "67"], "--width and --height must .* 4 to 64 px.* got 67 x 64"),
     ],
 )
 def test_wrong_options_are_refused_at_once(arguments, words, tmp_path, capsys):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hmdjit.curve_fitting.space import FAMILIES, LOCALIZATIONS, CurveSpace
@@ -28,6 +28,7 @@ def named(space, point):
 
 
 @pytest.mark.parametrize("space", SPACES, ids=str)
+@settings(max_examples=12)  # of each of twelve spaces
 @given(seed=st.integers(0, 2**31), scale=st.floats(0.01, 30))
 def test_every_point_is_within_the_bounds(space, seed, scale):
     point = jnp.asarray(np.random.default_rng(seed).normal(size=space.size) * scale)

@@ -1,10 +1,12 @@
 import math
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from hmdjit.estimates import resampling
 from hmdjit.estimates.cells import Cell
 from hmdjit.estimates.estimate import (
     MIN_BASELINE_MTCD,
@@ -174,6 +176,10 @@ def test_a_table_is_no_row_of_sessions(untyped, door):
         (
             lambda: mean_of(np.ones(3), np.ma.masked_greater([0, 1, 2], 0)),
             "clusters must have a label for each session, 2 have none",
+        ),
+        (
+            lambda: mean_of(np.ones(3), np.array(["ann", None, "bob"])),
+            "clusters must have a label for each session, 1 have none",
         ),
         (
             lambda: control_variate(TABLE[0], TABLE[1], TABLE, 0.5),
@@ -538,3 +544,29 @@ def test_log_ratio_derivative_needs_flicker(rng):
         found = log_ratio_derivative_interval(*pair, x, y)
         assert math.isnan(found.value)
         assert found.method == NO_FLICKER
+
+
+def test_very_many_windows_are_resampled_in_little_memory(rng):
+    count = 6000
+    x, subjects = rng.lognormal(size=count), rng.integers(0, 6, count)
+    tracemalloc.start()
+    found = mean_interval(x, subjects)
+    _, most_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert "6000 sessions of 6 subjects" in found.method
+    # A byte a window and replicate, and some megabytes beside; numbers would take 8.
+    assert most_bytes < 4 * 2000 * count
+
+
+def test_replicates_are_the_same_however_many_are_made_at_a_time(rng, monkeypatch):
+    (x, y), subjects = rng.lognormal(size=(2, 40)), np.repeat(np.arange(8), 5)
+    x[3] = np.nan
+    at_once = ratio_interval(x, y, subjects, nan_policy="omit")
+    resampling._times.cache_clear()
+    monkeypatch.setattr(resampling, "_AT_A_TIME", 3000)
+    in_pieces = ratio_interval(x, y, subjects, nan_policy="omit")
+    assert at_once.method == in_pieces.method
+    for field in ("value", "low", "high", "standard_error"):
+        np.testing.assert_allclose(
+            getattr(in_pieces, field), getattr(at_once, field), rtol=1e-13
+        )

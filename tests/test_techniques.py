@@ -169,13 +169,13 @@ def test_every_technique_keeps(technique, law, rng):
 # --- Kim's step against the equations ---
 
 # Static choices are compiled, numbers are drawn: size, past samples, whether they have
-# weights, space, difference, whether there is a mask.
+# weights, space, difference, whether there is a mask. Three are compiled above.
 FORMS = {
     "paper": ((128, 96), 1, False, "gamma", "euclidean", False),
-    "several": ((24, 31), 3, False, "gamma", "euclidean", True),
-    "max-channel": ((16, 16), 2, True, "gamma", "max_channel", False),
-    "linear": ((25, 18), 1, False, "linear", "euclidean", True),
-    "same-pixel": ((40, 9), 1, False, "gamma", "same_pixel", True),
+    "several": ((WIDTH, HEIGHT), 3, False, "gamma", "euclidean", True),
+    "max-channel": ((24, 31), 2, True, "gamma", "max_channel", False),
+    "linear": ((WIDTH, HEIGHT), 1, False, "linear", "euclidean", True),
+    "same-pixel": ((WIDTH, HEIGHT), 1, False, "gamma", "same_pixel", True),
 }
 
 
@@ -229,9 +229,8 @@ class Drawn:
         )
 
     def ours(self):
-        return applied(
-            self.technique, self.frames, self.poses, self.camera, self.static
-        )
+        frames = sampled(self.technique, self.frames)
+        return applied(self.technique, frames, self.poses, self.camera, self.static)
 
     def expected(self):
         return oracles.kim(self.frames, self.poses, **self.options)
@@ -269,7 +268,7 @@ def test_displayed_frames_agree_with_the_equations(rng, form):
     assert np.mean(shares) > 0.4  # else little would be shown
 
 
-@pytest.mark.parametrize("name", ["paper", "several", "linear"])
+@pytest.mark.parametrize("name", ["several", "linear"])
 def test_a_float32_step_agrees_with_the_equations(rng, name):
     left_out, pixels = 0, 0
     for _ in range(4):

@@ -606,6 +606,10 @@ SAMPLES = [json.dumps({"time": k / 90, "q": [0, 0, k / 1e4, 1]}) for k in range(
     [
         (50, [MANY[49]], "times that do not rise (1)"),
         (50, [MANY[48], MANY[49]], "times that do not rise (2)"),
+        (50, ["1e6,1,0,0,0"], "times that do not rise (1)"),
+        (0, ["1e6,1,0,0,0", "1e7,1,0,0,0"], "times that do not rise (2)"),
+        (50, ["0.01,1,0,0,0", "1e6,1,0,0,0"], "times that do not rise (2)"),
+        (100, ["0.5,1,0,0,0"], "times that do not rise (1)"),
         (100, ["1.11111,1,0"], "cut or of other lengths than the header (1)"),
         (30, ["# paused", "", "  # again"], "comments or blank lines (3)"),
         (30, ["x,1,0,0,0"], "not numbers (1)"),
@@ -649,6 +653,13 @@ def test_damaged_samples_are_left_out_and_counted(file, at, row, is_array):
     trace = Trace.read(file(text), skip_damaged=True)
     np.testing.assert_allclose(trace.t_s, np.delete(np.arange(100) / 90, at))
     assert "cut or of other lengths than the header (1)" in trace.notes[0]
+
+
+def test_a_time_far_too_late_is_named_and_not_the_good_one_behind_it(file):
+    rows = [*MANY[:50], "1e6,1,0,0,0", *MANY[50:]]
+    message = message_of(file("\n".join(["t_s,qw,qx,qy,qz", *rows])))
+    at = "me.csv, line 52, column t_s"
+    assert message == f"{at}: times must rise, got 1e6 before 0.555556."
 
 
 def test_more_than_some_damage_is_another_format(file):

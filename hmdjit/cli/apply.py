@@ -57,7 +57,7 @@ class ApplyCommand(PoseLog):
     Prints the MTCD of what is displayed and of the 8-bit PNGs written, the camera, and
     whether the poses fit: reprojection by them must bring each frame onto the last.
     Frames go by the number in their names, with its fraction; alpha is ignored. Former
-    displayed frames in the same folder are replaced, other pictures never.
+    displayed frames in the same folder are replaced, other pictures and folders never.
     """
 
     technique: Annotated[

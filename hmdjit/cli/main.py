@@ -59,7 +59,8 @@ def run(arguments: Sequence[str]) -> int:
         print(f"hmdjit: {str(stop) or 'stopped.'}", file=sys.stderr)
         return INTERRUPTED
     except FailedSessionsError as error:
-        return _complain(error, FAILED)
+        words = str(error).replace("omit_failed=True", "--omit-failed")
+        return _complain(words.replace("margin_deg =", "--margin"), FAILED)
     except (ValueError, ImportError) as error:
         words = as_option(str(error), command)
         return _complain(_hinted(words, arguments), WRONG_INPUT)

@@ -11,9 +11,12 @@ from ..head_motion import presets
 from ..head_motion.replay import Replay
 from ..reports import study as report
 from ..studies.identity import counted
+from ..studies.measured_blocks import Tiles
 from . import definition
 from .options import HEAD, OK, Options, check_can_write, shown
 from .progress import Display
+
+_SMALL_PX = 24  # a halo is about as wide
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,14 @@ class StudyCommand(Options):
             sessions = f"as many sessions as in {options.repeat}, each"
         for note in [note for trace in traces for note in trace.notes]:
             console.out(note)
+        frame = f"{camera.width_px} x {camera.height_px} px"
+        tiles = study.measure if options.tile_size is None else None
+        if isinstance(tiles, Tiles) and tiles.size_px <= _SMALL_PX < camera.width_px:
+            console.out(
+                f"Tiles are of {tiles.size_px} px only, for no larger size divides "
+                f"{frame}: the study is slow. Name another --width or --height, --crop "
+                "or --whole-frame for larger blocks."
+            )
         head = study.head
         if not isinstance(head, Replay):
             head = f"{options.head or HEAD}, {presets.words(head)}"
@@ -63,7 +74,7 @@ class StudyCommand(Options):
             f"{counted(len(study.scenes), 'scene')} x "
             f"{counted(len(study.techniques), 'technique')} x {sessions} of "
             f"{study.warmup} + {study.frames} frames, "
-            f"{camera.width_px} x {camera.height_px} px, {camera.fov_deg:g} deg, "
+            f"{frame}, {camera.fov_deg:g} deg, "
             f"{camera.refresh_hz:.4g} Hz.\n"
             f"Head: {head}.\n"
             "Compiling each technique when it first runs; finished batches are kept in "

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Integer, Shaped
@@ -44,15 +44,19 @@ class Cell:
         cls,
         measured: Float[np.ndarray, "metric technique session"],
         clusters: Shaped[np.ndarray, " session"] | None = None,
+        **head: Any,
     ) -> "Cell":
-        """Whole sessions without control variates; none yet where there are none."""
+        """Whole sessions without control variates; none yet where there are none.
+
+        **Arguments:** `head`: `rotation` and `head_error`.
+        """
         axes = ("metric", "technique", "session")
         measured = numbers("measured", measured, axes)
         _, techniques, count = measured.shape
         zero, one = np.zeros(techniques), np.ones(techniques)
         none, paths = np.zeros((techniques, count)), np.zeros((techniques, 0))
         every = np.full(techniques, count)
-        return cls(measured, none, paths, zero, one, every, clusters)
+        return cls(measured, none, paths, zero, one, every, clusters, **head)
 
     def was_simulated(self) -> Bool[np.ndarray, "technique session"]:
         """Which sessions were simulated."""
@@ -128,8 +132,10 @@ def cells_of(dataset: "xarray.Dataset", metrics: Sequence[str]) -> list[Cell]:
         clusters = labels("subject", dataset["subject"].values, measured.shape[-1])
         clusters = clusters.astype(str)
     known = dataset.get("rotation_deg")
-    rotation = None if known is None else known.values.astype(float)
-    head_error = float(np.nan_to_num(dataset.attrs.get("head_fit_error", 0.0)))
+    head = {
+        "rotation": None if known is None else known.values.astype(float),
+        "head_error": float(np.nan_to_num(dataset.attrs.get("head_fit_error", 0.0))),
+    }
     scenes = range(measured.shape[2])
     if "control_slope" in dataset:
         columns = [
@@ -139,9 +145,6 @@ def cells_of(dataset: "xarray.Dataset", metrics: Sequence[str]) -> list[Cell]:
             of("between_session_share"),
             of("simulated_sessions").astype(int),
         ]
-        cells = [Cell(measured[:, :, s], *(x[:, s] for x in columns)) for s in scenes]
-    else:
-        cells = [Cell.plain(measured[:, :, s], clusters) for s in scenes]
-    for cell in cells:
-        cell.rotation, cell.head_error = rotation, head_error
-    return cells
+        of_scene = lambda s: (measured[:, :, s], *(x[:, s] for x in columns))
+        return [Cell(*of_scene(s), **head) for s in scenes]
+    return [Cell.plain(measured[:, :, s], clusters, **head) for s in scenes]

@@ -40,7 +40,8 @@ def labels(name: str, values: Any, sessions: int) -> Subjects:
             f"{name} must have a label for each of {sessions} sessions, got an array "
             f"of shape {found.shape}."
         )
-    missing = int(np.ma.count_masked(found) + np.sum(found.data != found.data))
+    lacks = (found.data != found.data) | (found.data == None)  # noqa: E711  of each
+    missing = int(np.sum(np.ma.getmaskarray(found) | lacks))
     if missing:
         raise ValueError(
             f"{name} must have a label for each session, {missing} have none."

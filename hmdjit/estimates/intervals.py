@@ -27,7 +27,6 @@ Bootstrap", The American Statistician 69(4), 2015, the expanded percentile inter
 """
 
 import dataclasses
-import functools
 import itertools
 import math
 
@@ -50,6 +49,7 @@ from .estimate import (
     paired_means,
     ratio,
 )
+from .resampling import replicates
 
 Cells = Float[np.ndarray, "scene session"]
 
@@ -64,8 +64,6 @@ show that."""
 
 _FEW_SESSIONS = 50
 _FEW_SUBJECTS = 5
-_REPLICATES = 2000
-_SEED = 20260101
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,24 +141,18 @@ def interval_of(estimate: Estimate, method: str = "delta") -> Interval:
     if subjects is None and count >= _FEW_SESSIONS:
         return normal_interval(estimate, Z95, method + suffix)
     if subjects is None or index is None:
-        units, weights = float(count), _weights(count, None)
+        units, index = float(count), None
     else:
         windows = np.bincount(index)
         units = count**2 / float(np.sum(windows**2))
-        weights = _weights(count, index.astype(np.int64).tobytes())
+        index = index.astype(np.int64)
         effective = f" ({units:.3g} effective)" if units < len(subjects) else ""
         suffix += f" of {len(subjects)} subjects{effective}, both resampled"
-    if count < sample.drawn.size:
-        of_all = np.zeros((sample.drawn.size, _REPLICATES))
-        of_all[sample.drawn] = weights
-        weights = of_all
-    # Sessions without any flicker can leave a replicate that has no ratio.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        replicates = sample.replicate(weights)
-    replicates = replicates[np.isfinite(replicates)]
+    found = replicates(sample, index)
+    found = found[np.isfinite(found)]
     quantile = math.sqrt(units / (units - 1)) * stats.t.ppf(0.975, units - 1)
-    low, high = np.quantile(replicates, stats.norm.cdf([-quantile, quantile]))
-    error = float(np.std(replicates, ddof=1))
+    low, high = np.quantile(found, stats.norm.cdf([-quantile, quantile]))
+    error = float(np.std(found, ddof=1))
     return Interval(value, float(low), float(high), error, f"bootstrap{suffix}")
 
 
@@ -275,26 +267,3 @@ def geometric_mean_ratio(
     value = math.exp(log.value)
     error = value * log.standard_error
     return Interval(value, math.exp(log.low), math.exp(log.high), error, log.method)
-
-
-@functools.lru_cache(maxsize=2)
-def _weights(count: int, clusters: bytes | None) -> np.ndarray:
-    """How often each session is drawn in each replicate, `(session, replicate)`.
-
-    One seed: cells with the same sessions are resampled alike.
-    """
-    rng = np.random.default_rng(_SEED)
-    if clusters is None:
-        drawn = rng.multinomial(count, np.full(count, 1 / count), size=_REPLICATES)
-        return drawn.T.astype(float)
-    index = np.frombuffer(clusters, dtype=np.int64)
-    units = int(index.max()) + 1
-    times = rng.multinomial(units, np.full(units, 1 / units), size=_REPLICATES)
-    weights = np.zeros((count, _REPLICATES))
-    for unit in range(units):
-        windows = np.flatnonzero(index == unit)
-        share = np.full(len(windows), 1 / len(windows))
-        # A subject drawn k times: k draws of its number of windows, in one.
-        drawn = rng.multinomial(times[:, unit] * len(windows), share)
-        weights[windows] = drawn.T
-    return weights

@@ -4,6 +4,7 @@ What a file calls its columns, what separates them and which unit its times have
 detected. What could mean two things is refused, naming the option that decides it.
 """
 
+import bisect
 import math
 import os
 import re
@@ -203,15 +204,8 @@ def _seconds(table: Table, times: _Times, unit: str | None) -> tuple[_Times, str
     if unit != "s" and np.max(np.abs(times)) > 2**53:  # float64 skips whole numbers
         stamps = [Decimal(table.field(row, 0)) for row in range(len(times))]
         times = np.array([float(stamp - stamps[0]) for stamp in stamps])
-    latest = np.maximum.accumulate(times)[:-1]
-    wrong = {
-        row: f"{table.where(row, 0)}: times must rise, got {table.field(row, 0)} after "
-        f"{table.field(row - 1, 0)}"
-        f"{' (a duplicate)' if times[row] == times[row - 1] else ''}."
-        for row in (np.flatnonzero(~(times[1:] > latest)) + 1).tolist()
-    }
-    if wrong:
-        raise DamagedError(wrong, "times that do not rise")
+    if not np.all(times[1:] > times[:-1]):
+        raise DamagedError(_not_rising(table, times), "times that do not rise")
     with np.errstate(over="ignore"):
         steps, elapsed = np.diff(times), times - times[0]
     low, high = (1 / rate for rate in reversed(RATES_HZ))
@@ -225,6 +219,33 @@ def _seconds(table: Table, times: _Times, unit: str | None) -> tuple[_Times, str
     found = unit or fits[0]
     in_s = times if found == "s" else elapsed / UNITS[found][0]
     return in_s, "" if unit or found == "s" else found
+
+
+def _not_rising(table: Table, times: _Times) -> dict[int, str]:
+    """Fewest rows, and of such the last ones, without which times rise; what is wrong.
+
+    One row far too late is then wrong, and not all those behind it.
+    """
+    # From the last row back: of the rising runs of each length, the latest start; and
+    # of each row the length of the longest run that starts with it.
+    starts, lengths = [], []
+    for time in (-times[::-1]).tolist():
+        place = bisect.bisect_left(starts, time)
+        starts[place : place + 1] = [time]
+        lengths.append(place + 1)
+    wrong, left, latest = {}, len(starts), -math.inf
+    for row, length in enumerate(reversed(lengths)):
+        if length == left and times[row] > latest:
+            left, latest = left - 1, times[row]
+            continue
+        is_early = times[row] <= latest
+        beside = table.field(row - 1 if is_early else row + 1, 0)
+        wrong[row] = (
+            f"{table.where(row, 0)}: times must rise, got {table.field(row, 0)} "
+            f"{'after' if is_early else 'before'} {beside}"
+            f"{' (a duplicate)' if is_early and times[row] == times[row - 1] else ''}."
+        )
+    return wrong
 
 
 def _from_euler(angles: Float64[np.ndarray, "rows 3"]) -> _Quaternions:

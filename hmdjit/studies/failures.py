@@ -38,9 +38,9 @@ class Failures:
             return
         named = ", ".join(map(str, failed[:10])) + (", ..." if len(failed) > 10 else "")
         choice = (
-            "omit_failed=True (--omit-failed) leaves them out"
+            "omit_failed=True leaves them out"
             if is_few
-            else f"at most {MOST_FAILED:.0%} may, with omit_failed=True (--omit-failed)"
+            else f"at most {MOST_FAILED:.0%} may, with omit_failed=True"
         )
         kept = f" Finished batches are kept in {self.kept_in}." if self.kept_in else ""
         raise FailedSessionsError(

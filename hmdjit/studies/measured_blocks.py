@@ -2,7 +2,8 @@
 
 A tile is a block that is measured, inside a halo that is rendered and filtered but not
 measured. Tiles are drawn from a grid that covers the frame exactly, so their mean is
-the whole frame's, edges included.
+the whole frame's, edges included. Blocks of one size that do not divide the frame
+cannot measure all of its pixels equally often: the corner is in one block only.
 """
 
 import math
@@ -45,9 +46,10 @@ class Tiles(eqx.Module):
         sizes = [d for d in range(least_px, most_px + 1) if common % d == 0]
         if not sizes:
             raise ValueError(
-                "tiles size_px must divide the camera frame, but no size of 4 to "
-                f"{most_px} px divides {width} x {height}: measure the whole frame, a "
-                f"central crop, or tiles of {_largest_divisor(common, most_px)} px."
+                "width_px and height_px must be multiples of one size of 4 to "
+                f"{most_px} px, the tiles', got {width} x {height}; a study can "
+                "measure the whole frame, a central crop, or tiles of "
+                f"{_largest_divisor(common, most_px)} px."
             )
         enough = [d for d in sizes if width * height >= count * d * d]
         return cls(count, max(enough, default=min(sizes)))
