@@ -188,15 +188,31 @@ def displacing(
         move_x = turn[0, 0] * ray_x + turn[0, 1] * ray_y - turn[0, 2]
         move_y = turn[1, 0] * ray_x + turn[1, 1] * ray_y - turn[1, 2]
         move_z = turn[2, 0] * ray_x + turn[2, 1] * ray_y - turn[2, 2]
-        depth = 1 - move_z
-        # Asked this way round, a rotation that is not a number stays visible as NaN.
-        is_behind = depth <= 0
-        scale = focal / jnp.where(is_behind, 1.0, depth)
-        dx = jnp.where(is_behind, 0.0, scale * (move_x + ray_x * move_z))
-        dy = jnp.where(is_behind, 0.0, -scale * (move_y + ray_y * move_z))
-        return dx, dy, depth > 0
+        return moved_px(focal, (ray_x, ray_y), (move_x, move_y, move_z))
 
     return at
+
+
+def moved_px(
+    focal: Scalar,
+    ray: tuple[Numbers, Numbers],
+    move: tuple[Numbers, Numbers, Numbers],
+) -> tuple[Numbers, Numbers, Bool[Array, "..."]]:
+    """How far a change of their rays moves pixels, without cancellation.
+
+    **Arguments:** `focal`: px; `ray`: x and y of rays with `z = -1`; `move`: what is
+    added to the rays, x, y and z.
+
+    **Returns:** as `displacement`.
+    """
+    (ray_x, ray_y), (move_x, move_y, move_z) = ray, move
+    depth = 1 - move_z
+    # Asked this way round, a move that is not a number stays visible as NaN.
+    is_behind = depth <= 0
+    scale = focal / jnp.where(is_behind, 1.0, depth)
+    dx = jnp.where(is_behind, 0.0, scale * (move_x + ray_x * move_z))
+    dy = jnp.where(is_behind, 0.0, -scale * (move_y + ray_y * move_z))
+    return dx, dy, depth > 0
 
 
 @jax.jit

@@ -64,7 +64,7 @@ FOLDERS = {
     ],
     "frames": [
         ("motion", "displacement", "resampling"),
-        ("neck", "frame"),
+        ("neck", "frame", "velocity"),
         ("sources",),
     ],
     "scenes": [("base",), ("baking", "stored"), ("*",), ("study_set",)],
