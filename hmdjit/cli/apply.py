@@ -34,7 +34,7 @@ from .frame_poses import aligned, said
 from .options import OK, PoseLog, check_can_write, shown
 
 _FOV_DEG = 96.0
-Poses = Float[np.ndarray, "frames 4"]
+Poses = Float[np.ndarray, "frames components"]
 _OUT = Path("hmdjit-displayed")
 _FRAMES = "frames, before"
 _HEADERS = {
@@ -147,7 +147,7 @@ class ApplyCommand(PoseLog):
         for note in frames.notes():
             console.out(note)
         camera, poses = self._viewing(console, frames, size)
-        fit = None if poses is None else PoseFit(camera, poses)
+        fit = None if poses is None else PoseFit(camera, poses[:, :4])
         references: Iterable[Picture | None] = itertools.repeat(None)
         if self.reference is not None:
             against = FrameFiles.of(self.reference, not self.alpha).like(frames)
@@ -238,7 +238,7 @@ class ApplyCommand(PoseLog):
             f"{rate_hz:.2f} Hz ({rate}).",
         ):
             console.out(note)
-        return camera, trace.world_from_head
+        return camera, trace.poses
 
     def _report(
         self, console: rich.console.Console, measured: dict[str, "_Measured"]
