@@ -79,8 +79,8 @@ FOLDERS = {
         ("registry",),
     ],
     "simulation": [
-        ("blocks", "sharding", "apply", "pose_fit"),
-        ("halo", "views"),
+        ("blocks", "sharding", "rendered", "pose_fit"),
+        ("halo", "views", "apply"),
         ("session",),
         ("simulate",),
     ],
