@@ -122,7 +122,7 @@ FOLDERS = {
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
-        ("frame_poses",),
+        ("frame_poses", "frame_channels"),
         ("*",),
         ("main",),
     ],
