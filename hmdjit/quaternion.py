@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float64
+from scipy.spatial.transform import Rotation
 
 from ._types import Path, Poses, Quaternion, RotationVector, Scalar
 
@@ -208,19 +209,27 @@ def matrix_minus_identity(rotation: RotationVector) -> _Matrix:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def rebase(poses: Float64[np.ndarray, "frames 4"]) -> Float64[np.ndarray, "frames 4"]:
+def rebase(
+    poses: Float64[np.ndarray, "frames components"],
+) -> Float64[np.ndarray, "frames components"]:
     """Turn recorded poses so that the first one is the identity, in float64 NumPy.
 
     Two absolute float32 poses leave four digits of a 1e-4 rad increment. Poses near
     the identity keep them all: call this at the door, before float32.
 
-    **Arguments:** `poses`: `world_from_head`, shape `(frames, 4)`, unit length.
+    **Arguments:** `poses`: `world_from_head`, unit length, and where it is known the
+    eye's position; shape `(frames, 4)` or `(frames, 7)`.
 
-    **Returns:** `q_0^-1 q_k`, shape `(frames, 4)`, with `w >= 0`.
+    **Returns:** `q_0^-1 q_k`, with `w >= 0`, and the position from the first one, in
+    the first pose's axes; same shape.
     """
-    w, v = poses[0, 0], -poses[0, 1:]
-    other_w, other_v = poses[:, :1], poses[:, 1:]
+    w, v = poses[0, 0], -poses[0, 1:4]
+    other_w, other_v = poses[:, :1], poses[:, 1:4]
     scalar = w * other_w - other_v @ v[:, None]
     vector = w * other_v + other_w * v + np.cross(v, other_v)
     relative = np.concatenate([scalar, vector], axis=1)
-    return relative * np.where(relative[:, :1] < 0, -1.0, 1.0)
+    relative = relative * np.where(relative[:, :1] < 0, -1.0, 1.0)
+    place = poses[:, 4:] - poses[0, 4:]
+    if place.size:
+        place = Rotation.from_quat(poses[0, :4], scalar_first=True).inv().apply(place)
+    return np.concatenate([relative, place], axis=1)

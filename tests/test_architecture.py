@@ -89,8 +89,8 @@ FOLDERS = {
         ("registry",),
     ],
     "simulation": [
-        ("blocks", "sharding", "apply", "pose_fit"),
-        ("halo", "views"),
+        ("blocks", "sharding", "rendered", "pose_fit"),
+        ("halo", "views", "apply"),
         ("session",),
         ("simulate",),
     ],
@@ -133,7 +133,7 @@ FOLDERS = {
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
-        ("frame_poses",),
+        ("frame_poses", "frame_channels"),
         ("*",),
         ("main",),
     ],

@@ -21,6 +21,7 @@ from ..color import CODE_VALUES
 from ..reports import tables
 from ..simulation import apply as clips
 from ..simulation.pose_fit import PoseFit
+from .frame_channels import ChannelFolders
 from .frame_files import (
     Codes,
     FrameFiles,
@@ -34,7 +35,7 @@ from .frame_poses import aligned, said
 from .options import OK, PoseLog, check_can_write, shown
 
 _FOV_DEG = 96.0
-Poses = Float[np.ndarray, "frames 4"]
+Poses = Float[np.ndarray, "frames components"]
 _OUT = Path("hmdjit-displayed")
 _FRAMES = "frames, before"
 _HEADERS = {
@@ -51,7 +52,7 @@ _CAPTION = (
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ApplyCommand(PoseLog):
+class ApplyCommand(ChannelFolders, PoseLog):
     """Run techniques on rendered frames: numbered PNGs in, displayed PNGs out.
 
     Prints the MTCD of what is displayed and of the 8-bit PNGs written, the camera, and
@@ -72,8 +73,9 @@ class ApplyCommand(PoseLog):
         tyro.conf.Positional[Path | None],
         shown(
             "[POSES.csv]",
-            "Log of head poses, t_s,qw,qx,qy,qz: a row per frame, or times that frames "
-            "are named by. Without it only techniques that need none.",
+            "Log of head poses, t_s,qw,qx,qy,qz, and x_m,y_m,z_m if known: a row per "
+            "frame, or times that frames are named by. Without it only techniques that "
+            "need none.",
         ),
     ] = None
     techniques: Annotated[
@@ -147,7 +149,8 @@ class ApplyCommand(PoseLog):
         for note in frames.notes():
             console.out(note)
         camera, poses = self._viewing(console, frames, size)
-        fit = None if poses is None else PoseFit(camera, poses)
+        channels = self.of_techniques(console, chosen, frames, size)
+        fit = None if poses is None else PoseFit(camera, poses[:, :4])
         references: Iterable[Picture | None] = itertools.repeat(None)
         if self.reference is not None:
             against = FrameFiles.of(self.reference, not self.alpha).like(frames)
@@ -156,8 +159,8 @@ class ApplyCommand(PoseLog):
 
         pictures, *copies = itertools.tee(frames.pictures(size), 1 + len(chosen))
         streams = [
-            clips.stream(technique, camera, copy, poses)
-            for technique, copy in zip(chosen, copies, strict=True)
+            clips.stream(technique, camera, copy, poses, **given)
+            for technique, copy, given in zip(chosen, copies, channels, strict=True)
         ]
         clip = zip(frames.files, pictures, references, *streams, strict=False)
         with contextlib.ExitStack() as stack:
@@ -238,7 +241,7 @@ class ApplyCommand(PoseLog):
             f"{rate_hz:.2f} Hz ({rate}).",
         ):
             console.out(note)
-        return camera, trace.world_from_head
+        return camera, trace.poses
 
     def _report(
         self, console: rich.console.Console, measured: dict[str, "_Measured"]

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from .._version import __version__
 from ..color import CODE_VALUES
 from ..scenes.pictures import read_picture
 
-_SUFFIXES = (".png", ".jpg", ".jpeg")
+_PICTURES = (".png", ".jpg", ".jpeg")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _MOST_NAMED = 5  # missing numbers
 _MADE_BY = f"hmdjit {__version__} apply"  # tells our PNGs from others
@@ -41,7 +41,13 @@ class FrameFiles:
     is_opaque: bool = True
 
     @classmethod
-    def of(cls, folder: Path, is_opaque: bool = True) -> "FrameFiles":
+    def of(
+        cls,
+        folder: Path,
+        is_opaque: bool = True,
+        suffixes: Collection[str] = _PICTURES,
+        kind: str = "PNG frames (or JPEG)",
+    ) -> "FrameFiles":
         """Find a folder's frames; files that begin with a dot are none.
 
         Names are alike but for their numbers. Of several numbers in a name the last
@@ -51,10 +57,12 @@ class FrameFiles:
         numbers that are equal.
         """
         if not folder.is_dir():
-            raise ValueError(f"{folder}: must be a folder of numbered PNG frames.")
+            raise ValueError(f"{folder}: must be a folder of numbered {kind}.")
         found: dict[tuple[Decimal, ...], Path] = {}
         names: dict[str, str] = {}
-        files = [file for file in sorted(folder.iterdir()) if _is_numbered(file)]
+        files = [
+            file for file in sorted(folder.iterdir()) if _is_numbered(file, suffixes)
+        ]
         for file, key in zip(files, _keys(files), strict=True):
             if (other := found.setdefault(key, file)) != file:
                 raise ValueError(
@@ -70,8 +78,7 @@ class FrameFiles:
             )
         if len(found) < 2:
             raise ValueError(
-                f"{folder}: must hold at least 2 numbered PNG frames (or JPEG), has "
-                f"{len(found)}."
+                f"{folder}: must hold at least 2 numbered {kind}, has {len(found)}."
             )
         keys = sorted(found)
         columns = [column for column in zip(*keys, strict=True) if len(set(column)) > 1]
@@ -148,8 +155,8 @@ class FrameFiles:
         return read_picture(file, opaque=self.is_opaque)
 
 
-def _is_numbered(file: Path) -> bool:
-    is_picture = file.suffix.lower() in _SUFFIXES and file.name[0] != "."
+def _is_numbered(file: Path, suffixes: Collection[str]) -> bool:
+    is_picture = file.suffix.lower() in suffixes and file.name[0] != "."
     return is_picture and _NUMBER.search(file.stem) is not None
 
 

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from ..head_motion import Trace
-from ..head_motion.trace_clock import gaps
+from ..head_motion.trace_clock import gaps, poses_at
 from ..simulation.pose_fit import INVERTED, WITHOUT, PoseFit
 from .frame_files import FrameFiles
 
@@ -74,7 +73,7 @@ def aligned(
         raise ValueError(
             f"{trace.name}: must reach the last frame's row, {row[-1] + 1}, has {rows}."
         )
-    return Trace(trace.t_s[row], trace.world_from_head[row], name=trace.name)
+    return Trace(trace.t_s[row], trace.poses[row], name=trace.name)
 
 
 def _at(trace: Trace, times: np.ndarray) -> Trace:
@@ -93,13 +92,11 @@ def _at(trace: Trace, times: np.ndarray) -> Trace:
             f"{trace.name}: must have poses around each frame, got a gap of "
             f"{steps[frame]:.4g} s at {times[frame]:.6f} s."
         )
-    heads = Rotation.from_quat(trace.world_from_head, scalar_first=True)
-    poses = Slerp(trace.t_s - trace.t_s[0], heads)(inside - trace.t_s[0])
+    poses = poses_at(inside, trace.t_s, trace.poses)
     remark = (
         f"Poses of the frames' times, {times[0]:.6f} to {times[-1]:.6f} s in "
         f"{trace.name}."
     )
-    poses = poses.as_quat(scalar_first=True)
     return Trace(times, poses, name=trace.name, remarks=[remark])
 
 

@@ -44,6 +44,8 @@ class Frame(eqx.Module):
       per sample, `(samples, channels, height, width)`. See the properties.
     - `velocity_bounds`: smallest and largest displacement of `reprojection`, px, where
       it is a field.
+    - `jitter_px`: where the one sample of each pixel lies in this frame, from its
+      centre, px, x right and y down; None is the centre, or several samples.
     """
 
     color: Samples
@@ -55,6 +57,7 @@ class Frame(eqx.Module):
         default_factory=dict
     )
     velocity_bounds: Float[Array, "2 2"] | None = None
+    jitter_px: Float[Array, "2"] | None = None
 
     @property
     def depth(self) -> Plane:

@@ -5,8 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float, Float64
-from scipy.spatial.transform import Rotation
+from jaxtyping import Array, Float
 
 from .. import _checks, quaternion
 from .._types import Poses
@@ -55,16 +54,6 @@ class Motion(eqx.Module):
         return Motion(self.offset, self.increment)
 
 
-def rebased(poses: np.ndarray) -> Float64[np.ndarray, "frames components"]:
-    """Poses relative to the first, `(frames, 4)` or `(frames, 7)`, in float64."""
-    poses = np.asarray(poses, np.float64)
-    turns, place = quaternion.rebase(poses[:, :4]), poses[:, 4:]
-    if place.size:
-        hold = Rotation.from_quat(poses[0, :4], scalar_first=True)
-        place = hold.inv().apply(place - place[0])
-    return np.concatenate([turns, place], axis=1)
-
-
 def rebased_motion(
     poses: Float[np.ndarray, "frames components"], dtype: DTypeLike
 ) -> Motion:
@@ -72,7 +61,8 @@ def rebased_motion(
 
     **Arguments:** `poses`: as `Motion.of`; `dtype`: of the result.
     """
-    return Motion.of(jnp.asarray(rebased(poses), dtype))
+    near = quaternion.rebase(np.asarray(poses, np.float64))
+    return Motion.of(jnp.asarray(near, dtype))
 
 
 def check_poses(poses: Array | np.ndarray) -> None:

@@ -15,7 +15,7 @@ from .trace import Trace
 class Replay(eqx.Module):
     """Recorded heads: each session is a window of a trace, at the trace's own rate.
 
-    - `traces`: the recordings.
+    - `traces`: the recordings. Where the eye was counts only if all of them tell it.
     - `rate_hz`: replay at this rate instead, resampled by slerp; None is their own.
     """
 
@@ -43,16 +43,20 @@ class Replay(eqx.Module):
 
     def windows(
         self, frames: int
-    ) -> tuple[Float64[np.ndarray, "windows frames 4"], list[str]]:
+    ) -> tuple[Float64[np.ndarray, "windows frames components"], list[str]]:
         """Return all whole windows of the traces, re-based, and the subject of each.
+
+        Windows are `(frames, 4)`, or `(frames, 7)` with positions.
 
         **Errors:** `ValueError` if no trace is as long as a window.
         """
-        cut = []
+        cut, is_placed = [], all(t.position_m is not None for t in self.traces)
         for trace in self.traces:
             # A trace that is shorter than a window has none.
             with contextlib.suppress(ValueError):
-                cut.append((trace.windows(frames, rate_hz=self.rate_hz), trace.subject))
+                windows = trace.windows(frames, rate_hz=self.rate_hz)
+                windows = windows if is_placed else windows[..., :4]
+                cut.append((windows, trace.subject))
         if not cut:
             parts = [part.duration_s for trace in self.traces for part in trace.parts()]
             least_s, longest_s = (frames - 1) / self.refresh_hz, max(parts)

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.spatial.transform import Rotation, Slerp
 
 from .. import _checks
 from . import trace_clock, trace_formats, trace_notes
@@ -20,26 +20,29 @@ _STILL_WINDOW_S = 0.5
 _ROUNDING = 1e-6  # of a count or a duration, s, made of rounded times
 
 _Times = Float64[np.ndarray, " rows"]
-_Orientations = Float64[np.ndarray, "rows 4"]
 
 
 class Trace(eqx.Module):
-    """One person's recorded head rotation.
+    """One person's recorded head: its rotation, and where it is known its position.
 
     - `t_s`: times, s, rising; shape `(rows,)`, at least 2 rows.
     - `world_from_head`: unit quaternions `wxyz`, shape `(rows, 4)`. Lengths within 1 %
       of 1 are normalised, and of `q` and `-q` the one nearer to the former row is kept.
+    - `position_m`: the eye's x, y and z in that world, m, `(rows, 3)`, or None.
     - `subject`: who wore the headset: the cluster of intervals over traces.
     - `name`: what messages call this trace.
     - `frame_s`: median time step, s, of the whole that this trace was cut from. A step
       above 3.5 of it is a *gap*: one or two lost frames are bridged, more never.
     - `remarks`: sentences on what was assumed or left out when its file was read.
 
+    **Arguments:** `world_from_head`: with positions `(rows, 7)`, as `poses`.
+
     **Errors:** `ValueError` naming the row (from 1), the rule and the value.
     """
 
     t_s: _Times
-    world_from_head: _Orientations
+    world_from_head: Float64[np.ndarray, "rows 4"]
+    position_m: Float64[np.ndarray, "rows 3"] | None
     subject: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
     frame_s: float
@@ -55,19 +58,21 @@ class Trace(eqx.Module):
         remarks: Sequence[str] = (),
     ):
         t_s = np.array(t_s, np.float64)
-        world_from_head = np.array(world_from_head, np.float64)
-        if t_s.ndim != 1 or world_from_head.shape != (t_s.size, 4):
+        poses = np.array(world_from_head, np.float64)
+        if t_s.ndim != 1 or poses.shape not in ((t_s.size, 4), (t_s.size, 7)):
             raise ValueError(
                 f"{name}: t_s must have shape (rows,) and world_from_head (rows, 4), "
-                f"got {t_s.shape} and {world_from_head.shape}."
+                f"or (rows, 7) with positions, got {t_s.shape} and {poses.shape}."
             )
-        trace_formats.check(name, t_s, world_from_head)
-        world_from_head /= np.linalg.norm(world_from_head, axis=1, keepdims=True)
-        flips = np.sum(world_from_head[1:] * world_from_head[:-1], axis=1) < 0
-        world_from_head[1:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
+        trace_formats.check(name, t_s, poses)
+        turns = poses[:, :4]
+        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+        flips = np.sum(turns[1:] * turns[:-1], axis=1) < 0
+        turns[1:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
         t_s.setflags(write=False)
-        world_from_head.setflags(write=False)
-        self.t_s, self.world_from_head = t_s, world_from_head
+        poses.setflags(write=False)
+        self.t_s, self.world_from_head = t_s, poses[:, :4]
+        self.position_m = poses[:, 4:] if poses.shape[1] == 7 else None
         self.subject, self.name, self.remarks = subject, name, tuple(remarks)
         self.frame_s = float(np.median(np.diff(t_s)))
 
@@ -92,10 +97,12 @@ class Trace(eqx.Module):
           s are kept as recorded, other units count from the first row;
         - `qw`, `qx`, `qy`, `qz`; or `w`, ...; `rot_w`, ...; `orientation.w`, ...;
         - or `pitch`, `yaw`, `roll`: degrees (radians: `pitch_rad`, ...) about x, y, z,
-          for `q_yaw q_pitch q_roll`.
+          for `q_yaw q_pitch q_roll`;
+        - where they stand beside it, the eye's `x`, `y`, `z`; or `pos_x`, ...;
+          `position.x`, ...; `hmd_pos_x`, ... by `hmd_qw`: m (mm or cm: `x_mm`, ...).
 
         Logs are samples, one a line or in an array, with such keys, nested or not; a
-        list is `[x, y, z, w]`. Matrices are not read.
+        list is `[x, y, z, w]` or `[x, y, z]`. Matrices are not read.
 
         **Arguments:**
 
@@ -123,13 +130,19 @@ class Trace(eqx.Module):
         trace = cls(t_s, poses, subject=subject, name=path.name, remarks=remarks)
         if skip_held:
             return trace.without_held()
-        if trace_notes.is_held(trace.world_from_head):
+        if trace_notes.is_held(trace.poses):
             warnings.warn(trace.notes[-1], stacklevel=2)
         return trace
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a trace file that `read` turns into the same numbers."""
-        trace_formats.write(path, self.t_s, self.world_from_head)
+        trace_formats.write(path, self.t_s, self.poses)
+
+    @property
+    def poses(self) -> Float64[np.ndarray, "rows components"]:
+        """Rotation `wxyz`, and where it is known the position, `(rows, 4)` or 7."""
+        place = [] if self.position_m is None else [self.position_m]
+        return np.concatenate([self.world_from_head, *place], axis=1)
 
     @property
     def duration_s(self) -> float:
@@ -162,8 +175,8 @@ class Trace(eqx.Module):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user: `remarks`, rounded times, held poses."""
-        rows = self.t_s, self.world_from_head
+        """Sentences for the user: `remarks`, rounded times, positions, held poses."""
+        rows = self.t_s, self.poses
         return (*self.remarks, *trace_notes.of(self.name, *rows, self.frame_s))
 
     def without_held(self) -> "Trace":
@@ -171,24 +184,19 @@ class Trace(eqx.Module):
 
         **Errors:** `ValueError` when the pose never changes.
         """
-        kept = trace_notes.renewed(self.name, self.world_from_head)
+        kept = trace_notes.renewed(self.name, self.poses)
         repeats = f"{np.count_nonzero(~kept)} of {len(kept)} rows"
         return Trace(
             self.t_s[kept],
-            self.world_from_head[kept],
+            self.poses[kept],
             subject=self.subject,
             name=self.name,
             remarks=(*self.remarks, f"{self.name}: left out {repeats} as held."),
         )
 
-    @property
-    def _rotations(self) -> Rotation:
-        return Rotation.from_quat(self.world_from_head, scalar_first=True)
-
     def _rows(self, start: int, end: int) -> "Trace":
-        leaves = lambda trace: (trace.t_s, trace.world_from_head)
-        rows = tuple(leaf[start:end] for leaf in leaves(self))
-        return eqx.tree_at(leaves, self, rows)
+        cut = lambda leaf: leaf[start:end] if np.ndim(leaf) else leaf
+        return jax.tree.map(cut, self)
 
     def parts(self) -> list["Trace"]:
         """Return the pieces between gaps that have at least 2 rows, as recorded."""
@@ -216,21 +224,13 @@ class Trace(eqx.Module):
         self.rate_hz  # noqa: B018  raises for a wrong unit of time
         least_s, segments = min_duration_s - _ROUNDING, []
         for part in self.parts():
-            still = part._mean_square_speed() < np.radians(max_speed_deg_s) ** 2
+            rows = part.t_s, part.world_from_head
+            square = trace_clock.mean_square_speed(*rows, _STILL_WINDOW_S)
+            still = square < np.radians(max_speed_deg_s) ** 2
             edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
             runs = [part._rows(*pair) for pair in edges.reshape(-1, 2).tolist()]
             segments += [run for run in runs if run.duration_s > least_s]
         return segments
-
-    def _mean_square_speed(self) -> _Times:
-        """Mean square angular speed around each row, (rad/s)^2."""
-        angle = (self._rotations[:-1].inv() * self._rotations[1:]).magnitude()
-        # The integral of the squared speed, which is constant from row to row.
-        integral = np.append(0.0, np.cumsum(angle**2 / np.diff(self.t_s)))
-        low = np.maximum(self.t_s - _STILL_WINDOW_S / 2, self.t_s[0])
-        high = np.minimum(self.t_s + _STILL_WINDOW_S / 2, self.t_s[-1])
-        until = lambda t_s: np.interp(t_s, self.t_s, integral)
-        return (until(high) - until(low)) / (high - low)
 
     def resample(self, rate_hz: float) -> "Trace":
         """Read the trace at a fixed rate, from its first time to its last.
@@ -257,14 +257,13 @@ class Trace(eqx.Module):
                 f"({self.duration_s:g} s), got {rate_hz:g}."
             )
         elapsed_s = np.minimum(np.arange(steps + 1) / rate_hz, times_s[-1])
-        along = Slerp(times_s, self._rotations)
-        poses = along(elapsed_s).as_quat(scalar_first=True)
+        poses = trace_clock.poses_at(elapsed_s, times_s, self.poses)
         t_s = self.t_s[0] + elapsed_s
         return Trace(t_s, poses, subject=self.subject, name=self.name)
 
     def windows(
         self, frames: int, rate_hz: float | None = None
-    ) -> Float64[np.ndarray, "count {frames} 4"]:
+    ) -> Float64[np.ndarray, "count {frames} components"]:
         """Cut the trace into consecutive sessions that do not overlap.
 
         **Arguments:**
@@ -273,8 +272,8 @@ class Trace(eqx.Module):
         - `rate_hz`: resample to this rate, Hz. None replays the rows as they are; where
           frames were lost (a step above 1.5 `frame_s`), it is `self.rate_hz`.
 
-        **Returns:** `world_from_head`, shape `(count, frames, 4)`; none holds a gap;
-        rows left over at the end of a part are dropped.
+        **Returns:** `poses`, shape `(count, frames, 4)` or `(count, frames, 7)`; none
+        holds a gap; rows left over at the end of a part are dropped.
 
         **Errors:** `ValueError` when no part is as long as a window.
         """
@@ -288,7 +287,7 @@ class Trace(eqx.Module):
             _checks.in_range("rate_hz", rate_hz, 0, open_low=True)
             long = [part for part in parts if part.duration_s * rate_hz > 1 - _ROUNDING]
             parts = [part.resample(rate_hz) for part in long]
-        heads = [part.world_from_head for part in parts]
+        heads = [part.poses for part in parts]
         longest = max(map(len, heads), default=1)
         if longest < frames:
             raise ValueError(
@@ -296,4 +295,6 @@ class Trace(eqx.Module):
                 f"{rate_hz or own_hz:.4g} Hz, got {frames}."
             )
         whole = [head[: len(head) // frames * frames] for head in heads]
-        return np.concatenate([head.reshape(-1, frames, 4) for head in whole])
+        return np.concatenate(
+            [head.reshape(-1, frames, head.shape[1]) for head in whole]
+        )

@@ -1,9 +1,10 @@
-"""The clock behind a trace's times: its frames, those that were lost, and its rate."""
+"""The clock behind a trace's times: frames, lost ones, rate, and poses in between."""
 
 import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from scipy.spatial.transform import Rotation, Slerp
 
 from .. import _checks
 
@@ -101,6 +102,35 @@ def even_times(t_s: _Times, frame_s: float) -> _Times:
     """Return times of frames where the rows' times are rounded, else these times."""
     mean_s = rounded_frame_s(t_s, frame_s)
     return t_s if mean_s is None else t_s[0] + mean_s * frame_numbers(t_s, frame_s)
+
+
+def poses_at(
+    times_s: Float64[np.ndarray, " times"],
+    t_s: _Times,
+    poses: Float64[np.ndarray, "rows components"],
+) -> Float64[np.ndarray, "times components"]:
+    """Poses at times within a trace: on the shorter arcs, positions on straight lines.
+
+    **Arguments:** `poses`: `(rows, 4)`, or `(rows, 7)` with positions.
+    """
+    heads = Rotation.from_quat(poses[:, :4], scalar_first=True)
+    turns = Slerp(t_s - t_s[0], heads)(times_s - t_s[0]).as_quat(scalar_first=True)
+    place = [np.interp(times_s, t_s, axis) for axis in poses[:, 4:].T]
+    return np.column_stack([turns, *place])
+
+
+def mean_square_speed(
+    t_s: _Times, world_from_head: Float64[np.ndarray, "rows 4"], window_s: float
+) -> Float64[np.ndarray, " rows"]:
+    """Mean square angular speed in a window around each row, (rad/s)^2."""
+    heads = Rotation.from_quat(world_from_head, scalar_first=True)
+    angle = (heads[:-1].inv() * heads[1:]).magnitude()
+    # The integral of the squared speed, which is constant from row to row.
+    integral = np.append(0.0, np.cumsum(angle**2 / np.diff(t_s)))
+    low = np.maximum(t_s - window_s / 2, t_s[0])
+    high = np.minimum(t_s + window_s / 2, t_s[-1])
+    until = lambda times_s: np.interp(times_s, t_s, integral)
+    return (until(high) - until(low)) / (high - low)
 
 
 def rate_hz(name: str, t_s: _Times, frame_s: float) -> float:

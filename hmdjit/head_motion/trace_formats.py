@@ -19,15 +19,16 @@ from .. import _checks
 from .._files import written_atomically
 from . import trace_log, trace_table
 from .trace_clock import RATES_HZ
-from .trace_columns import UNITS, plain, shown, unit_in
+from .trace_columns import UNITS, parts_of_metre, plain, shown, unit_in
 from .trace_table import Columns, DamagedError, Table, is_finite
 
-COLUMNS = ("t_s", "qw", "qx", "qy", "qz")
+COLUMNS = ("t_s", "qw", "qx", "qy", "qz", "x_m", "y_m", "z_m")
 _MAX_LENGTH_ERROR = 0.01  # files carry few decimals, but more than two
 _MOST_DAMAGED = 0.1  # of all rows: more is another format, not damage
 _COMMENT = "comments or blank lines"
 _Times = Float64[np.ndarray, " rows"]
 _Quaternions = Float64[np.ndarray, "rows 4"]
+_Poses = Float64[np.ndarray, "rows components"]  # positions, m, behind the quaternions
 
 
 def read(
@@ -37,11 +38,11 @@ def read(
     axes: str = "openxr",
     *,
     skip_damaged: bool = False,
-) -> tuple[_Times, _Quaternions, list[str]]:
+) -> tuple[_Times, _Poses, list[str]]:
     """Read a table or a pose log; arguments and errors are those of `Trace.read`.
 
-    **Returns:** times, s; `world_from_head`, `wxyz`, lengths as in the file; and
-    sentences on what was assumed or left out.
+    **Returns:** times, s; `world_from_head`, `wxyz`, lengths as in the file, and where
+    the file has it the position, m; and sentences on what was assumed or left out.
     """
     _checks.one_of("axes", axes, ("openxr", "unity"))
     if time_unit is not None:
@@ -54,7 +55,7 @@ def read(
     rows, left_out, first = len(table.lines), Counter(), ""
     while True:
         try:
-            t_s, world_from_head, notes = _parsed(table, time_unit)
+            t_s, poses, notes = _parsed(table, time_unit)
             break
         except DamagedError as damaged:
             if not skip_damaged:
@@ -66,14 +67,18 @@ def read(
     if left_out:
         notes.append(_count(path.name, left_out, rows) + first)
     if axes == "unity":  # mirrored in z: turns about x and y change their sense
-        world_from_head = world_from_head * np.array([1.0, -1.0, -1.0, 1.0])
-    return t_s, world_from_head, [f"{path.name}: {note.rstrip('.')}." for note in notes]
+        poses = poses * np.array([1.0, -1, -1, 1, 1, 1, -1])[: poses.shape[1]]
+    return t_s, poses, [f"{path.name}: {note.rstrip('.')}." for note in notes]
 
 
-def write(path: str | os.PathLike[str], t_s: _Times, poses: _Quaternions) -> None:
+def write(path: str | os.PathLike[str], t_s: _Times, poses: _Poses) -> None:
     """Write a table that `read` turns into the same numbers."""
     rows = np.column_stack([t_s, poses]).tolist()
-    lines = [",".join(COLUMNS), *(",".join(map(repr, row)) for row in rows), ""]
+    lines = [
+        ",".join(COLUMNS[: len(rows[0])]),
+        *(",".join(map(repr, row)) for row in rows),
+        "",
+    ]
     with written_atomically(path) as unfinished:
         unfinished.write_text("\n".join(lines), encoding="utf-8", newline="\n")
 
@@ -90,9 +95,7 @@ def _count(file: str, left_out: Counter[str], rows: int) -> str:
     return f"left out as damaged, of {rows} rows: {kinds}"
 
 
-def _parsed(
-    table: Table, time_unit: str | None
-) -> tuple[_Times, _Quaternions, list[str]]:
+def _parsed(table: Table, time_unit: str | None) -> tuple[_Times, _Poses, list[str]]:
     """Turn rows into numbers; `DamagedError` for those that do not allow it."""
     if table.broken:
         is_comment = lambda row: re.match(r"\s*(#|$)", table.lines[row])
@@ -102,25 +105,30 @@ def _parsed(
     numbers = _numbers(table)
     t_s, unit = _seconds(table, numbers[:, 0], time_unit or unit_in(table.names[0]))
     notes = [f"times are taken as {unit}"] if unit else []
-    world_from_head = numbers[:, 1:]
-    if world_from_head.shape[1] == 3:
-        unit = re.search("_(deg|rad)[a-z]*$", plain(table.names[1]))
-        if not unit and len(numbers) and np.max(np.abs(world_from_head)) <= math.pi:
+    is_euler = numbers.shape[1] in (4, 7)
+    turns, place = np.split(numbers[:, 1:], [3 if is_euler else 4], axis=1)
+    names = table.names[1 : turns.shape[1] + 1]
+    if is_euler:
+        unit = re.search("_(deg|rad)[a-z]*$", plain(names[0]))
+        if not unit and len(numbers) and np.max(np.abs(turns)) <= math.pi:
             notes.append(
-                f"{', '.join(table.names[1:])} are taken as degrees; "
+                f"{', '.join(names)} are taken as degrees; "
                 "of radians, names end in _rad"
             )
         is_rad = unit is not None and unit[1] == "rad"
-        angles = world_from_head if is_rad else np.radians(world_from_head)
-        world_from_head = _from_euler(angles)
-    columns = ",".join(table.names[1:])
+        turns = _from_euler(turns if is_rad else np.radians(turns))
+    if place.shape[1]:
+        parts, (x, y, z) = parts_of_metre(table.names[-1]), table.names[-3:]
+        place = place / (parts or 1)
+        if parts is None:
+            notes.append(f"{x}, {y}, {z} are taken as the eye's position in m")
     off = {
-        row: f"{table.file}, {table.places[row]}, columns {columns}: {rule}"
-        for row, rule in _wrong_lengths(world_from_head).items()
+        row: f"{table.file}, {table.places[row]}, columns {','.join(names)}: {rule}"
+        for row, rule in _wrong_lengths(turns).items()
     }
     if off:
         raise DamagedError(off, "lengths other than 1")
-    return t_s, world_from_head, notes
+    return t_s, np.concatenate([turns, place], axis=1), notes
 
 
 def _wrong_lengths(quaternions: _Quaternions) -> dict[int, str]:
@@ -134,11 +142,11 @@ def _wrong_lengths(quaternions: _Quaternions) -> dict[int, str]:
     }
 
 
-def check(name: str, t_s: _Times, world_from_head: _Quaternions) -> None:
+def check(name: str, t_s: _Times, poses: _Poses) -> None:
     """Raise unless rows are numbers, times rise and quaternions have length 1."""
     if len(t_s) < 2:
         raise ValueError(f"{name}: must have at least 2 rows, got {len(t_s)}.")
-    numbers = np.column_stack([t_s, world_from_head])
+    numbers = np.column_stack([t_s, poses])
     for row, column in np.argwhere(~(np.abs(numbers) < 1e100))[:1]:
         raise ValueError(
             f"{name}, row {row + 1}, column {COLUMNS[column]}: must be a number below "
@@ -149,7 +157,7 @@ def check(name: str, t_s: _Times, world_from_head: _Quaternions) -> None:
             f"{name}, row {row + 1}, column t_s: times must rise, got {t_s[row]} after "
             f"{t_s[row - 1]}."
         )
-    for row, rule in _wrong_lengths(world_from_head).items():
+    for row, rule in _wrong_lengths(poses[:, :4]).items():
         raise ValueError(f"{name}, row {row + 1}, columns qw,qx,qy,qz: {rule}")
 
 

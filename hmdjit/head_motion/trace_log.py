@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from .trace_columns import is_xyzw, shown, used
+from .trace_columns import is_xyz, is_xyzw, shown, used
 from .trace_table import Columns, Table
 
 
@@ -76,9 +76,10 @@ def _decoded(text: str) -> Any:
 
 
 def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield values in nested objects by dotted keys; a quaternion's list is `xyzw`."""
+    """Yield values in nested objects by dotted keys; lists of a pose by their axes."""
     if isinstance(value, list):
         keys = "xyzw" if len(value) == 4 and is_xyzw(path) else range(len(value))
+        keys = "xyz" if len(value) == 3 and is_xyz(path) else keys
         value = dict(zip(map(str, keys), value, strict=True))
     if not isinstance(value, dict):
         yield " ".join(path.split()), value

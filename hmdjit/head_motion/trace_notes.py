@@ -10,15 +10,15 @@ from . import trace_clock
 # Rounding alone repeats 2.5 % of a still head's rows: more, and of few rows an eighth.
 _LEAST_HELD, _ENOUGH_HELD, _LEAST_HELD_SHARE = 3, 10, 0.05
 _Times = Float64[np.ndarray, " rows"]
-_Orientations = Float64[np.ndarray, "rows 4"]
+_Poses = Float64[np.ndarray, "rows components"]
 
 
-def held(poses: _Orientations) -> Bool[np.ndarray, " steps"]:
+def held(poses: _Poses) -> Bool[np.ndarray, " steps"]:
     """Which steps repeat the pose before them."""
     return np.all(poses[1:] == poses[:-1], axis=1)
 
 
-def renewed(name: str, poses: _Orientations) -> Bool[np.ndarray, " rows"]:
+def renewed(name: str, poses: _Poses) -> Bool[np.ndarray, " rows"]:
     """Which rows do not repeat the pose before them; `ValueError` if all do."""
     repeats = held(poses)
     if repeats.all():
@@ -26,7 +26,7 @@ def renewed(name: str, poses: _Orientations) -> Bool[np.ndarray, " rows"]:
     return np.append(True, ~repeats)
 
 
-def is_held(poses: _Orientations) -> bool:
+def is_held(poses: _Poses) -> bool:
     """Whether so many poses are repeated that a tracker holds them."""
     repeats = held(poses)
     count = int(np.count_nonzero(repeats))
@@ -35,7 +35,7 @@ def is_held(poses: _Orientations) -> bool:
     return least <= count < len(repeats)
 
 
-def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator[str]:
+def of(name: str, t_s: _Times, poses: _Poses, frame_s: float) -> Iterator[str]:
     """Yield sentences, the one on held poses last."""
     mean_s = trace_clock.rounded_frame_s(t_s, frame_s)
     if mean_s is not None:
@@ -43,6 +43,9 @@ def of(name: str, t_s: _Times, poses: _Orientations, frame_s: float) -> Iterator
             f"{name}: times are rounded to about a frame (steps of {1e3 * frame_s:.4g} "
             f"ms, on average {1e3 * mean_s:.4g} ms): no frame is taken for lost."
         )
+    if (place := poses[:, 4:]).size:
+        sides = " x ".join(f"{side:.3g}" for side in np.ptp(place, axis=0))
+        yield f"{name}: has positions: the eye moves within {sides} m."
     is_repeat = held(poses)
     if is_repeat.all():
         yield f"{name}: the pose never changes."

@@ -40,7 +40,7 @@ def simulate(
     scene: AbstractScene | Texture,
     camera: Camera,
     technique: AbstractTechnique,
-    poses: Poses | Float[np.ndarray, "frames 4"],
+    poses: Poses | Float[np.ndarray, "frames components"],
     *,
     warmup: int = 0,
     region: Region | None = None,
@@ -56,10 +56,11 @@ def simulate(
     **Arguments:**
 
     - `scene`: what is looked at. It is baked here, with 6 degrees of margin.
-    - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length. The
-      first is the hold pose. Concrete poses are re-based in float64; float32 is the
-      precision of the simulation, float64 where poses that are a JAX array, or a
-      texture, have it.
+    - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length; or
+      `(warmup + frames, 7)` with the eye's position in metres, which does not move a
+      picture. The first is the hold pose. Concrete poses are re-based in float64;
+      float32 is the precision of the simulation, float64 where poses that are a JAX
+      array, or a texture, have it.
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.

@@ -22,14 +22,16 @@ def blank_frame(
     dtype: DTypeLike,
 ) -> Frame:
     """Return a black frame with all that a technique asks for."""
-    samples = technique.sample_offsets_px.shape[1]
+    table = technique.sample_offsets_px
+    samples = table.shape[1]
+    jitter_px = jnp.zeros(2, dtype) if samples == 1 and table.any() else None
 
     def blank(name: str) -> Array:
         planes, own = CHANNELS[name]
         return jnp.zeros((samples, planes, region.height, region.width), own or dtype)
 
     channels = {name: blank(name) for name in technique.needs - {"color"}}
-    return Frame(blank("color"), camera, region, channels=channels)
+    return Frame(blank("color"), camera, region, channels=channels, jitter_px=jitter_px)
 
 
 def check_contract(technique: AbstractTechnique) -> None:
