@@ -4,7 +4,7 @@ Lengths in metres, in a world that has the eye of the hold pose at its origin, +
 +y up and -z ahead. Each function returns the primitives of a shape.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,6 +134,23 @@ def cylinder(start: Place, end: Place, radius_m: float, surface: Surface) -> Sha
         across, along = (wide * side for side in sides)
         lids += _quad(middle, across, along, surface, is_round=True, is_one_sided=True)
     return tube + lids
+
+
+def moved(shape: Shape, shift: Place, turn: Place = (0.0, 0.0, 0.0)) -> Shape:
+    """Turn a shape about the origin by a rotation vector, rad, then shift it, m."""
+    rotation, shift = (
+        Rotation.from_rotvec(_vector("turn", turn)),
+        _vector("shift", shift),
+    )
+    to = lambda points: rotation.apply(points) + shift
+    return [
+        Part(part.primitive.turned(rotation.apply, to), part.surface) for part in shape
+    ]
+
+
+def copies(shape: Shape, places: Iterable[Place]) -> Shape:
+    """Put a shape, made about the origin, at each of several places."""
+    return [part for place in places for part in moved(shape, place)]
 
 
 def _round(
