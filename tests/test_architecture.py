@@ -67,7 +67,16 @@ FOLDERS = {
         ("neck", "frame", "velocity"),
         ("sources",),
     ],
-    "scenes": [("base",), ("baking", "stored"), ("*",), ("study_set",)],
+    "scenes": [
+        ("base",),
+        ("baking", "stored"),
+        ("surfaces", "*"),
+        ("primitives",),
+        ("shapes", "ray_casting"),
+        ("props", "solid_channels"),
+        ("solids",),
+        ("solid_set", "study_set"),
+    ],
     "metrics": [("base",), ("*",)],
     "techniques": [
         ("small_motion",),

@@ -115,7 +115,7 @@ def page_of_text(
 
 
 def drawn_text(line: float, page: float, texels: int) -> np.ndarray:
-    """Gamma codes of a page, uint8, shape `(side, side)`, `texels` per unit of length."""
+    """Gamma codes of a page, uint8, `(side, side)`; `texels` per unit of length."""
     try:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError as error:
