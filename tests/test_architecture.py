@@ -70,13 +70,12 @@ FOLDERS = {
     "scenes": [
         ("base",),
         ("baking", "stored"),
-        ("surfaces",),
+        ("surfaces", "*"),
         ("primitives",),
         ("shapes", "ray_casting"),
-        ("objects", "solid_channels"),
+        ("props", "solid_channels"),
         ("solids",),
-        ("*",),
-        ("study_set", "solid_set"),
+        ("solid_set", "study_set"),
     ],
     "metrics": [("base",), ("*",)],
     "techniques": [

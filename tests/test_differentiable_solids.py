@@ -13,7 +13,7 @@ import hmdjit as hj
 from hmdjit.frames.displacement import Reading
 from hmdjit.frames.neck import NeckModel
 from hmdjit.scenes import shapes, surfaces
-from hmdjit.scenes.objects import Movement, Object, Sun
+from hmdjit.scenes.shapes import Movement, Object, Sun
 from hmdjit.scenes.solids import Solids
 from hmdjit.simulation.session import session
 

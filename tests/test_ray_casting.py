@@ -13,7 +13,7 @@ from hmdjit import rendering
 from hmdjit.frames.displacement import Reading
 from hmdjit.frames.neck import NeckModel
 from hmdjit.scenes import primitives, shapes, surfaces
-from hmdjit.scenes.objects import Movement, Object, Sun
+from hmdjit.scenes.shapes import Movement, Object, Sun
 from hmdjit.scenes.solids import Solids
 from hmdjit.techniques import MSAA, SSAA
 

@@ -16,7 +16,7 @@ from hmdjit.frames.frame import CHANNELS
 from hmdjit.frames.neck import NeckModel
 from hmdjit.frames.sources import History
 from hmdjit.scenes import shapes, surfaces
-from hmdjit.scenes.objects import Movement, Object
+from hmdjit.scenes.shapes import Movement, Object
 from hmdjit.scenes.solids import Solids
 from hmdjit.simulation.session import session
 from hmdjit.techniques import by_id

@@ -108,22 +108,22 @@ def page_of_text(
     _checks.in_range("page_deg", page_deg, 0, open_low=True)
     _checks.in_range("line_deg", line_deg, 0, page_deg / 10, open_low=True)
     _checks.whole("texels_per_deg", texels_per_deg, 1)
-    planes = stored.stored_planes(_drawn_text(line_deg, page_deg, texels_per_deg))
+    planes = stored.stored_planes(drawn_text(line_deg, page_deg, texels_per_deg))
     return _Raster(
         planes=planes, texels_per_deg=texels_per_deg, periodic=False, name=name
     )
 
 
-def _drawn_text(line_deg: float, page_deg: float, texels_per_deg: int) -> np.ndarray:
-    """Gamma codes of the page, uint8, shape `(side, side)`."""
+def drawn_text(line: float, page: float, texels: int) -> np.ndarray:
+    """Gamma codes of a page, uint8, `(side, side)`; `texels` per unit of length."""
     try:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError as error:
         raise ImportError(
             "Drawing text needs Pillow: install `hmdjit[study]`."
         ) from error
-    side = 2 * round(page_deg * texels_per_deg / 2)
-    line = line_deg * texels_per_deg
+    side = 2 * round(page * texels / 2)
+    line = line * texels
     margin = line
     font = ImageFont.load_default(0.8 * line)
     image = Image.new("L", (side, side), 255)

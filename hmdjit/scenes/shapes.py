@@ -1,18 +1,22 @@
-"""Shapes to put scenes together from: rectangles, boxes, spheres, cylinders, capsules.
+"""Shapes to put scenes together from, objects made of them, how these move, the light.
 
 Lengths in metres, in a world that has the eye of the hold pose at its origin, +x right,
 +y up and -z ahead. Each function returns the primitives of a shape.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from .. import _checks
+from .._types import Scalar
+from ..frames.frame import MOTION_CLASSES
 from .primitives import Capsules, Primitive, Quads, Spheres
-from .surfaces import Surface
+from .surfaces import AnyArray, Surface
 
 
 class Part(NamedTuple):
@@ -136,6 +140,23 @@ def cylinder(
     return tube + lids
 
 
+def moved(shape: Shape, shift: Place, turn: Place = (0.0, 0.0, 0.0)) -> Shape:
+    """Turn a shape about the origin by a rotation vector, rad, then shift it, m."""
+    rotation, shift = (
+        Rotation.from_rotvec(_vector("turn", turn)),
+        _vector("shift", shift),
+    )
+    to = lambda points: rotation.apply(points) + shift
+    return [
+        Part(part.primitive.turned(rotation.apply, to), part.surface) for part in shape
+    ]
+
+
+def copies(shape: Shape, places: Iterable[Place]) -> Shape:
+    """Put a shape, made about the origin, at each of several places."""
+    return [part for place in places for part in moved(shape, place)]
+
+
 def _round(
     start: Place,
     end: Place,
@@ -156,3 +177,66 @@ def _round(
         np.asarray(is_open),
     )
     return [Part(row, surface)]
+
+
+class Movement(eqx.Module):
+    """How an object moves by itself: a turn about an axis, and a straight motion.
+
+    - `velocity_m_s`: of the straight motion.
+    - `rotation_rad_s`: rotation vector per second, about an axis through `pivot_m`.
+    - `motion_class`: `rigid`, or `deforming` for what techniques should not take to be
+      rigid although it is drawn so.
+    """
+
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pivot_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    motion_class: str = eqx.field(static=True, default="rigid")
+
+    def __check_init__(self):
+        _checks.one_of("motion_class", self.motion_class, MOTION_CLASSES[1:])
+        for name in ("velocity_m_s", "rotation_rad_s", "pivot_m"):
+            for value in getattr(self, name):
+                _checks.in_range(f"{name} of a movement", value)
+
+
+class Object(eqx.Module):
+    """Shapes that are one thing, and how it moves; None stands still."""
+
+    shapes: Shape
+    movement: Movement | None = None
+
+
+class Sun(eqx.Module):
+    """Light from one direction, and some from all sides.
+
+    - `direction`: from the scene to the sun, any length.
+    - `ambient`: share of the light that comes from all sides, in [0, 1].
+    - `has_shadows`: whether surfaces cast hard shadows.
+    """
+
+    direction: tuple[float, float, float] = (0.4, 0.8, 0.45)
+    ambient: Scalar = 0.35
+    has_shadows: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        _checks.in_range("ambient", self.ambient, 0, 1)
+        length = float(np.linalg.norm(self.direction))
+        _checks.in_range("length of direction of a sun", length, 0, open_low=True)
+
+
+class Paths(eqx.Module):
+    """How objects move, one row each; the first is the background."""
+
+    velocity: Float[AnyArray, "*objects 3"]
+    rotation: Float[AnyArray, "*objects 3"]
+    pivot: Float[AnyArray, "*objects 3"]
+
+    @classmethod
+    def of(cls, movements: Sequence[Movement | None]) -> "Paths":
+        """Make the table."""
+        known = [Movement() if one is None else one for one in (None, *movements)]
+        names = ("velocity_m_s", "rotation_rad_s", "pivot_m")
+        return cls(
+            *(np.asarray([getattr(one, n) for one in known], np.float64) for n in names)
+        )

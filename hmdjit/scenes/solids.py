@@ -22,9 +22,9 @@ from ..frames.sources import AbstractSource, View
 from ..frames.velocity import against_object
 from . import primitives, solid_channels, surfaces
 from .base import AbstractScene, Colors, Directions
-from .objects import Object, Paths, Sun
 from .primitives import Primitive, Table
 from .ray_casting import Rays, World
+from .shapes import Object, Paths, Sun
 from .stored import StoredPlanes
 from .surfaces import AnyArray
 

@@ -123,9 +123,15 @@ class Gallery:
         self.pictures: list[StoredPlanes] = []
         self.masks: list[np.ndarray] = []
         self.kinds: set[int] = set()
+        self._paints: dict[int, tuple[Surface, Paint]] = {}  # by `id`, kept alive
 
     def paint(self, surface: Surface) -> Paint:
-        """Make the row of a surface."""
+        """Make the row of a surface, once for all that have it."""
+        if id(surface) not in self._paints:
+            self._paints[id(surface)] = surface, self._row(surface)
+        return self._paints[id(surface)][1]
+
+    def _row(self, surface: Surface) -> Paint:
         kinds = {"uniform": UNIFORM, "checkerboard": CHECKERBOARD, "stripes": STRIPES}
         kind, mask = kinds.get(surface.pattern, PICTURE), -1
         if surface.picture is not None:
