@@ -162,6 +162,10 @@ class Solids(AbstractScene, AbstractSource):
             known = known & jnp.isfinite(motion.position_m).all()
         return known
 
+    def velocity_bounds(self, view: View) -> Float[Array, "2 2"] | None:
+        """Smallest and largest displacement to where what is seen was, px."""
+        return solid_channels.velocity_bounds(self.world(view), view)
+
     def world(self, view: View) -> World:
         """Return the scene at a frame, in the head's axes."""
         motion, dtype = view.motion, view.motion.offset.dtype

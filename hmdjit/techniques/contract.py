@@ -20,16 +20,27 @@ def blank_frame(
     camera: Camera,
     region: Region,
     dtype: DTypeLike,
+    velocity_bounds: Array | None = None,
 ) -> Frame:
-    """Return a black frame with all that a technique asks for."""
+    """Return a black frame with all that a technique asks for.
+
+    **Arguments:** `velocity_bounds`: how far things move in it, px, `(2, 2)`; None
+    where that is the head's rotation alone, of which no channel tells.
+    """
     samples = technique.sample_offsets_px.shape[1]
 
     def blank(name: str) -> Array:
         planes, own = CHANNELS[name]
         return jnp.zeros((samples, planes, region.height, region.width), own or dtype)
 
-    channels = {name: blank(name) for name in technique.needs - {"color"}}
-    return Frame(blank("color"), camera, region, channels=channels)
+    without = {"color"} | ({"velocity"} if velocity_bounds is None else set())
+    return Frame(
+        blank("color"),
+        camera,
+        region,
+        channels={name: blank(name) for name in technique.needs - without},
+        velocity_bounds=velocity_bounds,
+    )
 
 
 def check_contract(technique: AbstractTechnique) -> None:
