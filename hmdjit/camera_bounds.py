@@ -28,11 +28,18 @@ class _Interval(eqx.Module):
 
 @jax.jit
 def displacement_range(
-    camera: Camera, region: Region, rotation: RotationVector
+    camera: Camera,
+    region: Region,
+    rotation: RotationVector,
+    shift: Float[Array, ""] | None = None,
 ) -> Float[Array, "2 2"]:
     """Smallest and largest displacement of a region's pixels; never too narrow.
 
-    **Arguments:** `rotation`: rotation vector applied to the rays, rad, shape `(3,)`.
+    **Arguments:**
+
+    - `rotation`: rotation vector applied to the rays, rad, shape `(3,)`.
+    - `shift`: how far what they see moves at most besides, in any direction, over its
+      depth.
 
     **Returns:** `((dx low, dy low), (dx high, dy high))`, px; -inf to inf if a part of
     the region may turn out of the half-space in front of the camera.
@@ -53,6 +60,9 @@ def displacement_range(
     move_x, move_y, move_z = (
         constant(row[0]) * x + constant(row[1]) * y + constant(-row[2]) for row in turn
     )
+    if shift is not None:
+        aside = _Interval(-shift, shift)
+        move_x, move_y, move_z = move_x + aside, move_y + aside, move_z + aside
     depth = _Interval(1 - move_z.high, 1 - move_z.low)
     is_in_front = depth.low > 0
     nearest = jnp.where(is_in_front, depth.low, 1.0)
@@ -65,6 +75,8 @@ def displacement_range(
     terms = jnp.stack(
         [largest_x + _size(x) * largest_z, largest_y + _size(y) * largest_z]
     )
+    if shift is not None:
+        terms = terms + shift * (1 + jnp.stack([_size(x), _size(y)]))
     slack = 32 * jnp.finfo(dtype).eps * terms * scale.high
     low = jnp.stack([dx.low, -dy.high]) - slack
     high = jnp.stack([dx.high, -dy.low]) + slack

@@ -40,8 +40,7 @@ def render(
     view = View(camera, region, motion, frame, reading)
     seen = source.seen(view, samples_px, channels)
     (color,) = (seen.pop(name) for name in (INSTEAD_OF_COLOR | COLOR) & set(channels))
-    bounds = source.velocity_bounds(view) if "velocity" in seen else None
-    return Frame(color, camera, region, None, reading, seen, bounds)
+    return Frame(color, camera, region, None, reading, seen)
 
 
 def reference(

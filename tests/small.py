@@ -56,3 +56,24 @@ def study(**changes):
         "margin_deg": 4.0,
     }
     return hj.Study(**(settings | changes))
+
+
+def solids(**changes):
+    """Put up a striped wall behind a striped plate that flies by: one kind of all."""
+    from hmdjit.scenes import shapes, surfaces
+    from hmdjit.scenes.solids import Solids
+
+    dark = (0.1, 0.2, 0.1)
+    wall = surfaces.stripes((1.0, 1.0, 1.0), dark, 0.011, 0.013)
+    plate = surfaces.stripes((0.9, 0.3, 0.2), dark, 0.006, 0.004)
+    settings = {
+        "wall": shapes.rectangle(
+            (0.0, 0.0, -2.0), (4.0, 0.4, 0.0), (-0.4, 4.0, 0.0), wall
+        ),
+        "plate": shapes.rectangle(
+            (-0.02, 0.0, -1.0), (0.05, 0.0, 0.02), (0.0, 0.04, 0.0), plate
+        ),
+        "movement": shapes.Movement(velocity_m_s=(0.35, 0.1, 0.0)),
+    } | changes
+    plate = shapes.Object(settings["plate"], settings["movement"])
+    return Solids.of([shapes.Object(settings["wall"]), plate], sun=None)

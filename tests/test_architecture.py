@@ -105,7 +105,7 @@ FOLDERS = {
         ("measured_blocks", "failures", "progress", "store"),
         ("sessions",),
         ("definition", "runner"),
-        ("identity", "dataset", "sampler"),
+        ("identity", "dataset", "sampler", "stage"),
         ("sequential",),
         ("run",),
         ("study",),

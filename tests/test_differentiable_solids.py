@@ -52,7 +52,8 @@ def turns():
 @functools.partial(quickly, static_argnames="order")
 def flicker(scene, place, turns, fov, w_min, scale, order=0):
     """MTCD of a region, or its derivatives in the last three."""
-    region = hj.Region(*place, 5, 8)
+    x0, y0 = place
+    region = hj.Region(x0, y0, 5, 8)
 
     def mtcd(fov, w_min, scale):
         path = hj.Motion(scale * turns, scale * jnp.diff(turns, axis=0, prepend=0))

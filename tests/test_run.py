@@ -17,8 +17,8 @@ from hmdjit.estimates.summary import summarize
 from hmdjit.scenes.base import AbstractScene
 from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.simulation.session import Result
-from hmdjit.studies import run as monte_carlo
 from hmdjit.studies import runner as batches
+from hmdjit.studies import stage
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
 from hmdjit.techniques.base import AbstractSpatial
@@ -329,7 +329,7 @@ def test_tile_means_agree_with_whole_frames():
 def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
     calm = _study(sessions=6, measure=Tiles(2, 16))
     kim = hj.techniques.HeadMovement()
-    batch = monte_carlo._sessions(calm, 0, 6).batch(0, 6)
+    batch = stage.drawing(calm, 0)(6).batch(0, 6)
     need = needed_halo_px(kim, calm.display, batch.motion, batch.origins, (16, 16))
 
     def runner(pilot):
@@ -346,9 +346,9 @@ def test_sessions_that_need_a_wider_halo_get_one_and_are_counted():
 def test_a_wide_session_equals_itself_in_a_wide_study():
     """The halo decides how much is rendered, not what is measured."""
     study = _study(sessions=6, measure=Tiles(1, 16))
-    texture = hj.scenes.bake(study.scenes["noise"], CAMERA, margin_deg=4.0)
+    texture = hj.scenes.bake(small.NOISE, CAMERA, margin_deg=4.0)
     kim = hj.techniques.HeadMovement()
-    batch = monte_carlo._sessions(study, 0, 6).batch(0, 6)
+    batch = stage.drawing(study, 0)(6).batch(0, 6)
     runner = batches.Runner(CAMERA, study.measure, [kim], study.warmup, 6, batch)
     (usual,) = runner.run([kim], texture, batch)
     still = jax.tree.map(np.zeros_like, batch.motion)

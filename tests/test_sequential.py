@@ -137,7 +137,7 @@ def test_what_a_budget_allowed_is_repeated(untyped, monkeypatch):
     ticks = itertools.count()
     budget = until.Goal(budget_s=0.07)
     cell, plan = _until(budget, lambda: 1e-3 * next(ticks), monkeypatch)
-    known = until.with_controls([cell], [plan], budget, [[0], [1]], (2, 1, 9999))
+    known = until.with_controls([cell], [plan], budget, [[[0], [1]]], (2, 1, 9999))
     ran = json.loads(known["attributes"]["ran"])
     assert ran == {"noise": [cell.measured.shape[-1], cell.paths.shape[1]]}
     again = until.Goal(repeat=ran)

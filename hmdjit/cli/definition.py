@@ -7,7 +7,7 @@ the default study: eleven scenes, five rows, 500 sessions, people who fixate.
 import dataclasses
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
-from ..scenes.base import AbstractScene
+from ..studies.definition import StudyScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
 from ..studies.sequential import Goal
 from ..studies.study import Study, check_seed
@@ -63,6 +63,11 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
         values[name] = folder / values[name]
     if "head" in values and is_head_file(folder / values["head"]):
         values["head"] = str(folder / values["head"])
+    if "scenes" in values:
+        values["scenes"] = tuple(
+            str(folder / name) if _is_picture(name) else name
+            for name in values["scenes"]
+        )
     if "techniques" in values:
         values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
     return Options(**values), numbers
@@ -100,7 +105,10 @@ def build(options: Options, tables: Tables | None = None) -> Study:
         if len(ways) > 1:
             raise ValueError(f"{spoken(*ways)} exclude each other: name one of them.")
     names = {"sessions", "frames", "warmup", "oversampling", "margin"}
+    names |= {"reference_samples", "reference_every"}
     numbers = {key: said[key] for key in names & said.keys()}
+    if options.no_neck:
+        numbers["neck"] = None
     if "margin" in numbers:
         numbers["margin_deg"] = numbers.pop("margin")
     check_seed(options.seed or 0)
@@ -151,22 +159,53 @@ def _techniques(options: Options, tables: Tables) -> list[AbstractTechnique]:
     return chosen
 
 
-def _scenes(options: Options) -> dict[str, AbstractScene]:
+def _scenes(options: Options) -> dict[str, StudyScene]:
     files = [
         *((scenes.Photograph.read, path) for path in options.images or ()),
         *((scenes.Panorama.read, path) for path in options.panorama or ()),
     ]
-    if files:
-        chosen: dict[str, AbstractScene] = {}
-        for reader, path in files:
-            if path.stem in chosen:
-                raise ValueError(f"images must differ in name, got {path.stem} twice.")
-            chosen[path.stem] = reader(path)
-        return chosen
-    everything = scenes.study_set()
-    for name in options.scenes or ():
-        _checks.one_of("scenes", name, everything)
-    return {name: everything[name] for name in options.scenes or everything}
+    if not files:
+        return named_scenes(options.scenes)
+    chosen: dict[str, StudyScene] = {}
+    for reader, path in files:
+        if path.stem in chosen:
+            raise ValueError(f"images must differ in name, got {path.stem} twice.")
+        chosen[path.stem] = reader(path)
+    return chosen
+
+
+def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:
+    """Scenes by name, of pictures and of solids, or of picture files; else the default.
+
+    **Errors:** `ValueError` for an unknown name, with the nearest, and for two scenes
+    of one name.
+    """
+    known: dict[str, StudyScene] = dict(scenes.study_set())
+    if not names:
+        return known
+    if any(name not in known and not _is_picture(name) for name in names):
+        known = every_scene()
+    chosen: dict[str, StudyScene] = {}
+    for name in names:
+        is_file = name not in known and _is_picture(name)
+        short = Path(name).stem if is_file else name
+        if short in chosen:
+            raise ValueError(f"scenes must differ in name, got {short} twice.")
+        if not is_file:
+            _checks.one_of("scenes", name, known)
+        chosen[short] = scenes.Photograph.read(Path(name)) if is_file else known[name]
+    return chosen
+
+
+def every_scene() -> dict[str, StudyScene]:
+    """Return all scenes that have a name, those of the default study first."""
+    pictures = scenes.study_set()
+    return {**pictures, **scenes.solid_set(), **pictures}
+
+
+def _is_picture(name: str) -> bool:
+    """Whether a scene is named by a picture's file."""
+    return bool(Path(name).suffix) or Path(name).is_file()
 
 
 def goal(options: Options, study: Study) -> Goal:

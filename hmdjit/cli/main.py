@@ -19,6 +19,8 @@ from .fit import FitCommand
 from .head import HeadCommand
 from .options import FAILED, OK, WRONG_INPUT, as_option
 from .options import INTERRUPTED as INTERRUPTED
+from .render import RenderCommand
+from .scenes import ScenesCommand
 from .study import StudyCommand
 from .trade_off import PickCommand, TradeOffCommand
 
@@ -30,6 +32,8 @@ COMMANDS: dict[str, Any] = {
     "trade-off": TradeOffCommand,
     "pick": PickCommand,
     "envelope": EnvelopeCommand,
+    "scenes": ScenesCommand,
+    "render": RenderCommand,
 }
 SPELLED = "hmdjit-spelled"
 """How a terminal or a pipe writes what its encoding has no letter for."""

@@ -93,15 +93,23 @@ class _StudyOptions:
 
     images: Annotated[
         tuple[Path, ...] | None,
-        shown("PATH...", "Flat pictures (PNG, JPEG) instead of the eleven scenes."),
+        shown("PATH...", "Flat pictures (PNG, JPEG) instead of scenes."),
     ] = None
     panorama: Annotated[
         tuple[Path, ...] | None,
-        shown("PATH...", "Equirectangular panoramas instead of the eleven scenes."),
+        shown("PATH...", "Equirectangular panoramas instead of scenes."),
     ] = None
     scenes: Annotated[
-        tuple[str, ...] | None, shown("NAME...", "Some of the eleven scenes, by name.")
+        tuple[str, ...] | None,
+        shown(
+            "NAME...",
+            "Scenes by name, pictures and solids (`hmdjit scenes` lists them), or "
+            "picture files (default: eleven pictures).",
+        ),
     ] = None
+    no_neck: Annotated[
+        bool, shown("", "Turn heads about the eye before solids, not on a neck.")
+    ] = False
     trace: Annotated[
         tuple[Path, ...] | None,
         shown("TRACE...", "Recorded heads (tables, pose logs), not the head model."),
@@ -166,6 +174,16 @@ class _StudyOptions:
     margin: Annotated[
         float | None,
         shown("DEG", "How far a head may turn from where it started (default: 6)."),
+    ] = None
+    reference_samples: Annotated[
+        int | None,
+        shown(
+            "N", "Rays per pixel of solids in detail loss's reference (default: 16)."
+        ),
+    ] = None
+    reference_every: Annotated[
+        int | None,
+        shown("N", "Take it on the first of N measured frames of solids (default: 1)."),
     ] = None
     omit_failed: Annotated[
         bool,

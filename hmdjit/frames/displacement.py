@@ -35,6 +35,7 @@ class Reading(eqx.Module):
       part of the modelled device: a sharper one changes MTCD by several percent.
     - `reference_samples`: rays per pixel of solids in the picture that detail loss is
       measured against; a baked picture has that picture ready made.
+    - `reference_every`: it is measured on the first of so many measured frames only.
     - `warp`: how a rotation moves the pixels of a region, or of the blocks that a large
       one is cut into. `"homography"` is exact, `"affine"` linear about the centre,
       `"shift"` moves all like the centre.
@@ -45,6 +46,7 @@ class Reading(eqx.Module):
     history_filter: str = eqx.field(static=True, default="bilinear")
     warp: str = eqx.field(static=True, default="homography")
     reference_samples: int = eqx.field(static=True, default=16)
+    reference_every: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
         _checks.one_of("sampler", self.sampler, SAMPLERS)
@@ -52,6 +54,7 @@ class Reading(eqx.Module):
         _checks.one_of("history_filter", self.history_filter, FILTERS)
         _checks.one_of("warp", self.warp, WARPS)
         _checks.whole("reference_samples", self.reference_samples, 1)
+        _checks.whole("reference_every", self.reference_every, 1)
 
 
 GATHER = Reading()

@@ -43,7 +43,7 @@ class Frame(eqx.Module):
     - `channels`: what else the technique needs, by name, one plane or stack of planes
       per sample, `(samples, channels, height, width)`. See the properties.
     - `velocity_bounds`: smallest and largest displacement of `reprojection`, px, where
-      it is a field.
+      it is a field; None are the field's own.
     - `jitter_px`: where the one sample of each pixel lies in this frame, from its
       centre, px, x right and y down; None is the centre, or several samples.
     """

@@ -10,9 +10,11 @@ from jaxtyping import Array, Float, Int, Shaped
 from .. import color
 from .._types import Numbers, Rgb
 from ..camera import Region
+from ..camera_bounds import displacement_range
 from ..frames.sources import View
 from ..frames.velocity import past_displacement
 from . import ray_casting
+from .primitives import NEAR_M, Quads
 from .ray_casting import Chosen, Painted, Rays, World
 
 _BLOCK_PX = 64  # side of a block of rays, which share what they can meet
@@ -47,6 +49,43 @@ def accumulated(world: World, view: View, offsets: Float[Array, "samples 2"]) ->
         return {"light": total / len(offsets)}
 
     return color.encode(_by_blocks(view.region, block)["light"][0])
+
+
+def velocity_bounds(world: World, view: View) -> Float[Array, "2 2"] | None:
+    """Smallest and largest displacement to where what a region shows was, px.
+
+    Never too narrow: each object is taken to be all over the region, as near as any
+    sphere around its primitives. None where only the head's turn moves the picture.
+    """
+    if world.steps is None:
+        return None
+    increments, translations = (jnp.atleast_2d(step) for step in world.steps)
+    camera, region, count = view.camera, view.region, len(increments)
+    # A sample may lie beside its pixel.
+    wider = Region(region.x0 - 1, region.y0 - 1, region.width + 2, region.height + 2)
+    dtype = increments.dtype
+    half = max(camera.width_px, camera.height_px) / 2 + 1
+    half = half / jnp.asarray(camera.focal_px, dtype)
+    longest = jnp.sqrt(1 + 2 * half**2)  # of the frame's rays
+    nearness = jnp.full(count, -1.0, dtype).at[0].set(0.0)  # unseen; the sky
+    for table in world.tables:
+        rows = table.rows
+        centre, radius = rows.bounds()
+        away = jnp.sqrt(jnp.sum(centre**2, axis=1)) - radius
+        if isinstance(rows, Quads):  # no point is nearer than its plane
+            normal = jnp.cross(rows.right, rows.up)
+            away = jnp.maximum(away, jnp.abs(jnp.sum(normal * centre, axis=1)))
+        depth = jnp.maximum(-centre[:, 2] - radius, away / longest)
+        depth = 0.9999 * jnp.maximum(depth, NEAR_M)  # rounding
+        is_ahead = radius - centre[:, 2] >= NEAR_M
+        owner = table.object if count > 1 else jnp.zeros_like(table.object)
+        nearness = nearness.at[owner].max(jnp.where(is_ahead, 1 / depth, -1.0))
+    shift = jnp.linalg.norm(translations, axis=1) * jnp.maximum(nearness, 0.0)
+    span = jax.vmap(lambda *step: displacement_range(camera, wider, *step))
+    low, high = jnp.moveaxis(span(increments, shift), 1, 0)
+    is_seen = (nearness >= 0)[:, None]
+    low = jnp.min(jnp.where(is_seen, low, jnp.inf), axis=0)
+    return jnp.stack([low, jnp.max(jnp.where(is_seen, high, -jnp.inf), axis=0)])
 
 
 def _block(

@@ -157,6 +157,10 @@ class Solids(AbstractScene, AbstractSource):
             known = known & jnp.isfinite(motion.position_m).all()
         return known
 
+    def velocity_bounds(self, view: View) -> Float[Array, "2 2"] | None:
+        """Smallest and largest displacement to where what is seen was, px."""
+        return solid_channels.velocity_bounds(self.world(view, has_steps=True), view)
+
     def world(self, view: View, *, has_steps: bool = False) -> World:
         """Return the scene at a frame, in the head's axes.
 

@@ -34,7 +34,7 @@ from jaxtyping import Array, Float, Int
 
 from .. import _checks
 from .._types import RandomKey, Scalar
-from ..camera import Camera, Region
+from ..camera import Camera
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
 from ..frames.sources import Texture
@@ -116,7 +116,7 @@ def differentiate(
         raise ValueError("scenes must name at least one scene, got none.")
     for scene in scenes.values():
         if isinstance(scene, Texture):
-            check_texture(scene, camera, Region.whole(camera))
+            check_texture(scene, camera)
     measure = Tiles.fitting(camera, 1) if measure is None else measure
     block = measure.block_size(camera)
 

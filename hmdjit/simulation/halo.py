@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..camera import Camera, Region
+from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.motion import Motion
-from ..frames.sources import recorded_reads
+from ..frames.sources import AbstractSource, View, recorded_reads
 from ..techniques.base import AbstractTechnique
 from ..techniques.check import stencil_radius_px
 from ..techniques.contract import blank_frame
@@ -87,15 +88,20 @@ def needed_halo_px(
     motion: Motion,
     origins: Int[Array | np.ndarray, "sessions blocks 2"],
     block: tuple[int, int],
+    source: AbstractSource | None = None,
 ) -> Int[np.ndarray, " sessions"]:
     """Halo that the blocks of each session need with a technique; `(sessions,)`.
 
-    **Arguments:** `origins`, `block`: the measured blocks' places, and their width and
-    height, px.
+    **Arguments:**
+
+    - `origins`, `block`: the measured blocks' places, and their width and height, px.
+    - `source`: what is seen, where it says how fast its things move; None is a picture.
 
     **Errors:** `ValueError` for a technique that reads its history inside of another
     traced function.
     """
+    if "velocity" not in technique.needs:  # how fast things move does not matter then
+        source = None
     count, frame = origins.shape[0], (camera.width_px, camera.height_px)
     if block == frame:
         return np.zeros(count, int)
@@ -106,7 +112,9 @@ def needed_halo_px(
     gain = technique.history_gain(speed_deg_s)
 
     def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
-        inwards = _inwards_px(technique, camera, increment, origins, block, around_px)
+        inwards = _inwards_px(
+            technique, camera, source, motion, origins, block, around_px
+        )
         if inwards is None:
             return np.full(count, stencil)
         # Errors in the current frame's edge come in as well, once.
@@ -123,7 +131,8 @@ def needed_halo_px(
 def _inwards_px(
     technique: AbstractTechnique,
     camera: Camera,
-    increment: Float[np.ndarray, "sessions frames 3"],
+    source: AbstractSource | None,
+    motion: Motion,
     origins: Int[Array | np.ndarray, "sessions blocks 2"],
     block: tuple[int, int],
     around_px: int,
@@ -132,11 +141,14 @@ def _inwards_px(
 
     Bounded over what lies `around_px` around the blocks.
     """
-    count = len(increment)
+    count = len(origins)
     filled = np.resize(np.arange(count), -(-count // _AT_A_TIME) * _AT_A_TIME)
-    moves, places = increment[filled], origins[filled]
+    moves = jax.tree.map(lambda leaf: np.asarray(leaf)[filled], motion)
+    places = origins[filled]
     try:
-        spans = np.asarray(_spans(technique, camera, moves, places, block, around_px))
+        spans = np.asarray(
+            _spans(technique, camera, source, moves, places, block, around_px)
+        )
     except jax.errors.UnexpectedTracerError:
         raise ValueError(
             f"step of {technique.id} must read its history outside of jit, vmap, cond "
@@ -153,7 +165,8 @@ def _inwards_px(
 def _spans(
     technique: AbstractTechnique,
     camera: Camera,
-    increments: Float[Array, "sessions frames 3"],
+    source: AbstractSource | None,
+    motion: Motion,
     origins: Int[Array, "sessions blocks 2"],
     block: tuple[int, int],
     around_px: int,
@@ -161,26 +174,37 @@ def _spans(
     """Range of the displacements by which a technique reads its history, px."""
     width = min(block[0] + 2 * around_px, camera.width_px)
     height = min(block[1] + 2 * around_px, camera.height_px)
-    dtype = increments.dtype
+    dtype = motion.increment.dtype
+    steps = jnp.arange(motion.increment.shape[1], dtype=jnp.int32)
 
-    def span(increment: Array, origin: Array) -> Array:
+    def span(now: Motion, k: Array, origin: Array) -> Array:
         # Clipped to the frame, as a region is; its place there does not narrow it.
         x0, y0 = origin - around_px
         left = jnp.clip(x0, 0, camera.width_px - width)
         top = jnp.clip(y0, 0, camera.height_px - height)
         region = Region(left, top, width, height)
         # Of the step only where it reads is used: no picture is computed.
-        frame = blank_frame(technique, camera, region, dtype)
+        bounds = None
+        if source is not None:
+            bounds = source.velocity_bounds(View(camera, region, now, k))
+        frame = blank_frame(technique, camera, region, dtype, bounds)
         state = technique.init(frame)
         with recorded_reads() as reads:
-            technique.step(state, frame, Motion(increment, increment))
+            technique.step(state, frame, now)
         unmoved = jnp.zeros((2, 2), dtype)
-        found = [unmoved if read is None else read.span() for read in reads]
+        found = [unmoved if read is None else _bounded(read) for read in reads]
         # What is kept otherwise stays where it is.
         if not blocks.is_cuttable(state) or (jax.tree.leaves(state) and not found):
             found.append(unmoved)
         return jnp.stack(found) if found else jnp.zeros((0, 2, 2), dtype)
 
-    over_frames = jax.vmap(span, (0, None))
-    over_sessions = jax.vmap(over_frames, (0, 0))
-    return jax.vmap(over_sessions, (None, 1))(increments, origins)
+    over_frames = jax.vmap(span, (0, 0, None))
+    over_sessions = jax.vmap(over_frames, (0, None, 0))
+    return jax.vmap(over_sessions, (None, None, 1))(motion, steps, origins)
+
+
+def _bounded(read: AnyDisplacement) -> Float[Array, "2 2"]:
+    """Range of a displacement; of a field without bounds, black as it is, all."""
+    if isinstance(read, DisplacementField) and read.bounds is None:
+        return jnp.asarray([[-jnp.inf] * 2, [jnp.inf] * 2], read.dtype)
+    return read.span()

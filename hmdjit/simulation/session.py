@@ -74,7 +74,10 @@ def session(
     # What keeps nothing shows each frame on its own: warm-up changes nothing of it.
     early = {player.pattern for player in players if player.keeps}
     first = 0 if early else warmup
-    has_reference = any(metric.needs_reference for metric in metrics)
+    held = frozenset(metric.id for metric in metrics if metric.needs_reference)
+    free = frozenset(metric.id for metric in metrics) - held
+    has_reference = bool(held)
+    is_always_held = not held or reading.reference_every == 1
 
     # A stencil would find no neighbours at a block's edge.
     empty = [player.empty for player in players]
@@ -117,11 +120,20 @@ def session(
         return jax.lax.cond(k == first, begin, lambda: step(states, seen))
 
     def measure(
-        sums: list, shown: Rgb, before: Rgb, reference: Rgb | None, part: Region, k: Any
+        sums: list,
+        shown: Rgb,
+        before: Rgb,
+        reference: Rgb | None,
+        part: Region,
+        k: Any,
+        which: frozenset[str],
     ) -> list:
         is_measured = None if is_all_measured else part.is_in(measured)
         found = []
         for metric, total in zip(metrics, sums, strict=True):
+            if metric.id not in which:
+                found.append(total)
+                continue
             previous = before if metric.is_of_pairs else None
             new = metric.step(total, shown, previous, reference, is_measured)
             if metric.is_of_pairs:  # the first measured frame has none before it
@@ -157,11 +169,20 @@ def session(
                     shown[i] if p.keeps else p.alone(shots, block, part, now)
                     for i, p in enumerate(players)
                 ]
-                reference = shots.reference(part) if has_reference else None
-                return every, [
-                    measure(*each, reference, part, k)
-                    for each in zip(sums, every, before, strict=True)
-                ]
+
+                def taken(sums: list, reference: Rgb | None, which: frozenset) -> list:
+                    return [
+                        measure(*each, reference, part, k, which)
+                        for each in zip(sums, every, before, strict=True)
+                    ]
+
+                if is_always_held:
+                    reference = shots.reference(part) if has_reference else None
+                    return every, taken(sums, reference, free | held)
+                alone = taken(sums, None, free)
+                is_due = (k - warmup) % reading.reference_every == 0
+                beside = lambda: taken(alone, shots.reference(part), held)
+                return every, jax.lax.cond(is_due, beside, lambda: alone)
 
             def wait() -> tuple[list, list]:
                 pairs = zip(shown, before, strict=True)

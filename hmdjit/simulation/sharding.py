@@ -3,14 +3,14 @@
 import contextlib
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 
-from ..frames.sources import Texture
+from ..frames.sources import AbstractSource
 
 _FASTER: dict[str, bool | int | str] = {
     "xla_cpu_prefer_vector_width": 512,
@@ -42,9 +42,12 @@ def mesh() -> Mesh:
     return Mesh(np.array(jax.devices()), ("sessions",))
 
 
-def placed(texture: Texture) -> Texture:
-    """Copy a texture to every device, or each dispatch copies it anew."""
-    return jax.device_put(texture, NamedSharding(mesh(), Spec()))
+Source = TypeVar("Source", bound=AbstractSource)
+
+
+def placed(source: Source) -> Source:
+    """Copy a source to every device, or each dispatch copies it anew."""
+    return jax.device_put(source, NamedSharding(mesh(), Spec()))
 
 
 def over_devices(

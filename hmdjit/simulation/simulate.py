@@ -14,11 +14,12 @@ from .._types import Poses
 from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.motion import Motion, check_poses, checked_motion
-from ..frames.sources import Texture
+from ..frames.neck import NeckModel
+from ..frames.sources import AbstractSource, Texture
 from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics
 from ..scenes.baking import bake
-from ..scenes.base import AbstractScene
+from ..scenes.base import AbstractScene, check_scene
 from ..techniques.base import AbstractTechnique
 from ..techniques.check import check_hints
 from .session import Result, differentiable_session, fastest_reading
@@ -37,13 +38,14 @@ def _jitted_session(
 
 
 def simulate(
-    scene: AbstractScene | Texture,
+    scene: AbstractScene | AbstractSource,
     camera: Camera,
     technique: AbstractTechnique,
     poses: Poses | Float[np.ndarray, "frames components"],
     *,
     warmup: int = 0,
     region: Region | None = None,
+    neck: NeckModel | None = NeckModel(),  # noqa: B008 (frozen)
     reading: Reading | None = None,
     metrics: Sequence[AbstractMetric] = STANDARD,
 ) -> Result:
@@ -55,16 +57,19 @@ def simulate(
 
     **Arguments:**
 
-    - `scene`: what is looked at. It is baked here, with 6 degrees of margin.
-    - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length; or
-      `(warmup + frames, 7)` with the eye's position in metres, which does not move a
-      picture. The first is the hold pose. Concrete poses are re-based in float64;
-      float32 is the precision of the simulation, float64 where poses that are a JAX
-      array, or a texture, have it.
+    - `scene`: what is looked at. A picture is baked here, with 6 degrees of margin; a
+      source, as solids are one, is seen as it is.
+    - `poses`: `world_from_head` at each frame, `(warmup + frames, 4)`, unit length, or
+      `(warmup + frames, 7)` with the eye's position, m, which pictures, infinitely far
+      away, make nothing of. The first is the hold pose. Concrete poses are re-based in
+      float64; float32 is the precision of the simulation, float64 where poses that are
+      a JAX array, or a texture, have it.
     - `warmup`: displayed frames that are not measured; at least 0.
     - `region`: the part of the camera frame; None is the whole. Its edges are treated
       as a picture's edges: history clamps there.
-    - `reading`: how pictures are read; None is the fastest exact way on this device.
+    - `neck`: on which a head without positions turns before solids; None turns about
+      the eye.
+    - `reading`: how sources are read; None is the fastest exact way on this device.
     - `metrics`: what is measured.
 
     **Returns:** a `Result`; NaN if, inside compiled code, the head leaves the margin, a
@@ -91,18 +96,27 @@ def simulate(
     motion = checked_motion(poses, poses.dtype if has_dtype else jnp.dtype(jnp.float32))
     region = Region.whole(camera) if region is None else region
     dtype = motion.offset.dtype
+    is_source = isinstance(scene, AbstractSource)
+    if not is_source:
+        check_scene(scene, camera)
     check_gives(scene.gives, "this scene", technique)
-    texture = scene if isinstance(scene, Texture) else bake(scene, camera, dtype=dtype)
-    check_texture(texture, camera, region)
-    # Texels shorter than float32 are only stored so.
-    dtype = np.promote_types(texture.color_texels.dtype, np.promote_types(dtype, "f4"))
-    motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion)
-    if not _checks.is_traced(motion.offset):
-        _check_margin(texture, camera, region, motion)
+    source = scene if is_source else bake(scene, camera, dtype=dtype)
+    _check_region(camera, region)
+    if isinstance(source, Texture):
+        check_texture(source, camera)
+        # Texels shorter than float32 are only stored so.
+        stored = source.color_texels.dtype
+        dtype = np.promote_types(stored, np.promote_types(dtype, "f4"))
+        technique = technique.on_pictures()
+        motion = jax.tree.map(lambda leaf: leaf.astype(dtype), motion.turning())
+        if not _checks.is_traced(motion.offset):
+            _check_margin(source, camera, region, motion)
+    elif neck is not None:
+        motion = neck.moved(motion)
     return _jitted_session(
-        texture,
+        source,
         camera,
-        (technique.on_pictures(),),
+        (technique,),
         motion,
         region,
         region,
@@ -124,8 +138,8 @@ def check_gives(
         )
 
 
-def check_texture(texture: Texture, camera: Camera, region: Region) -> None:
-    """Raise unless a texture was baked for a camera, and a region lies in its frame."""
+def check_texture(texture: Texture, camera: Camera) -> None:
+    """Raise unless a texture was baked for a camera."""
     k, margin = texture.oversampling, texture.margin_px
     expected = (k * (camera.height_px + 2 * margin), k * (camera.width_px + 2 * margin))
     *_, rows, columns = texture.color_texels.shape
@@ -134,6 +148,9 @@ def check_texture(texture: Texture, camera: Camera, region: Region) -> None:
             f"scene must be a texture baked for this camera, {expected} texels, got "
             f"{(k * rows, k * columns)}."
         )
+
+
+def _check_region(camera: Camera, region: Region) -> None:
     if not (_checks.is_traced(region.x0) or _checks.is_traced(region.y0)):
         _checks.in_range("region x0", region.x0, 0, camera.width_px - region.width)
         _checks.in_range("region y0", region.y0, 0, camera.height_px - region.height)

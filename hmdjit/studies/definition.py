@@ -7,6 +7,8 @@ import equinox as eqx
 from .. import _checks
 from ..camera import Camera
 from ..estimates.summary import GEOMETRIC_MEAN, POOLED
+from ..frames.neck import NeckModel
+from ..frames.sources import AbstractSource, Texture
 from ..head_motion import HeadMotion
 from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics
@@ -25,10 +27,14 @@ def check_seed(seed: int) -> None:
     _checks.in_range("seed", seed, 0, 2**32 - 1)
 
 
+StudyScene = AbstractScene | AbstractSource
+"""A source, as solids are one, is seen as it is; all else are pictures, and baked."""
+
+
 class StudyDefinition(eqx.Module):
     """The fields of a `Study`, checked."""
 
-    scenes: Mapping[str, AbstractScene]
+    scenes: Mapping[str, StudyScene]
     techniques: tuple[AbstractTechnique, ...] = eqx.field(converter=tuple)
     head: Head
     camera: Camera = eqx.field(default_factory=Camera)
@@ -40,6 +46,9 @@ class StudyDefinition(eqx.Module):
     oversampling: int = 2
     margin_deg: float = 6.0
     metrics: tuple[AbstractMetric, ...] = eqx.field(converter=tuple, default=STANDARD)
+    neck: NeckModel | None = NeckModel()
+    reference_samples: int = 16
+    reference_every: int = 1
 
     def __post_init__(self):
         if self.measure is None:
@@ -66,10 +75,17 @@ class StudyDefinition(eqx.Module):
         _checks.whole("warmup", self.warmup, 0)
         self.measure.block_size(self.camera)
         check_baking(self.camera, self.oversampling, self.margin_deg)
+        if not isinstance(self.neck, NeckModel | None):
+            raise ValueError(f"neck must be a NeckModel or None, got {self.neck!r}.")
+        _checks.whole("reference_samples", self.reference_samples, 1)
+        _checks.whole("reference_every", self.reference_every, 1)
         for name, scene in self.scenes.items():
             if name in (POOLED, GEOMETRIC_MEAN):
                 raise ValueError(f"scenes must not be named {name!r}: a pooled row is.")
-            check_scene(scene, self.camera, name)
+            if isinstance(scene, Texture):
+                raise ValueError(f"scene {name!r} must not be baked: studies do it.")
+            if not isinstance(scene, AbstractSource):
+                check_scene(scene, self.camera, name)
             for technique in self.techniques:
                 check_gives(scene.gives, name, technique)
 

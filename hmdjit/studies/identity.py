@@ -16,6 +16,7 @@ import numpy as np
 from .. import camera as pinhole
 from .._version import __version__
 from ..camera import Camera
+from ..frames.sources import AbstractSource
 from ..head_motion import HeadMotion, presets
 from ..techniques import SSAA
 from .definition import StudyDefinition
@@ -62,6 +63,7 @@ def attributes(
         "px_per_deg_mean": mean_px_per_deg(camera),
         "oversampling": study.oversampling,
         "margin_deg": float(study.margin_deg),
+        **_solids(study),
         "dtype": "float32",
         "device": f"{len(jax.devices())} x {jax.devices()[0].device_kind}",
         "machine": platform.machine(),
@@ -82,6 +84,34 @@ def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str
     parts |= {f"scene {name}": scene for name, scene in scenes.items()}
     parts |= {f"technique {technique.id}": technique for technique in techniques}
     return {name: fingerprint(part)[:16] for name, part in parts.items()}
+
+
+def _solids(study: StudyDefinition) -> dict[str, Any]:
+    """Say what numbers of solids rest on, where there are any."""
+    names = [n for n, s in study.scenes.items() if isinstance(s, AbstractSource)]
+    if not names:
+        return {}
+    neck = study.neck
+    return {
+        "solids": names,
+        "neck": "none"
+        if neck is None
+        else f"{float(neck.up_m):g} m up, {float(neck.forward_m):g} m forward",
+        "reference_samples": study.reference_samples,
+        "reference_every": study.reference_every,
+    }
+
+
+def _solids_words(known: Mapping[str, Any]) -> str:
+    if "solids" not in known:
+        return ""
+    every = int(known["reference_every"])
+    frames = "each measured frame" if every == 1 else f"1 of {every} measured frames"
+    return (
+        f"Solids ({', '.join(np.atleast_1d(known['solids']))}): neck "
+        f"{known['neck']}; detail loss to {known['reference_samples']} rays per pixel "
+        f"on {frames}. "
+    )
 
 
 def _head_fit(head: Head) -> dict[str, Any]:
@@ -176,7 +206,7 @@ def footer(dataset: "xarray.Dataset") -> str:
         f"{_number(known, 'px_per_deg_mean')} on average; "
         f"{known.get('measure', 'unknown part')} measured. "
         f"Head: {known.get('head', 'unknown')}{_head_words(known)}. "
-        f"{sessions} of {frames_words(known)}; "
+        f"{_solids_words(known)}{sessions} of {frames_words(known)}; "
         f"hmdjit {known.get('hmdjit_version')}, model {known.get('model_version')}, "
         f"config {str(known.get('config_hash'))[:8]}."
     )

@@ -16,12 +16,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..frames.sources import Texture
-from ..scenes.baking import bake
-from ..scenes.base import AbstractScene
-from ..simulation.sharding import placed
-from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints, forget_checks
+from ..frames.sources import AbstractSource
+from ..techniques.check import forget_checks
 from ..techniques.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from .dataset import check_contains, gathered, write_dataset
@@ -30,10 +26,10 @@ from .failures import Failures
 from .identity import MODEL_VERSION, attributes, definition
 from .measured_blocks import Tiles
 from .progress import Progress, Tell
-from .runner import Runner
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
-from .sessions import Batch, Sessions
+from .sessions import Batch
+from .stage import Stage, drawing, stages
 from .store import Store, fingerprint, without_version
 
 if TYPE_CHECKING:
@@ -41,13 +37,7 @@ if TYPE_CHECKING:
 
 # What moves numbers, but no draws; see `sessions`.
 _SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
-_PILOT_SESSIONS = 256
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
-
-
-def _sessions(study: StudyDefinition, seed: int, count: int) -> Sessions:
-    length = study.warmup + study.frames
-    return Sessions(seed, study.head, study.display, study.measure, count, length)
 
 
 class Run:
@@ -67,7 +57,7 @@ class Run:
     ):
         self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
-        self.sessions = _sessions(study, seed, study.sessions)
+        self.sessions = drawing(study, seed)(study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
         self.definition = definition(study, seed, goal)
         if self.out is not None and not overwrite:
@@ -84,28 +74,7 @@ class Run:
         kept = None if without_version(common) else self.out
         self.store = Store(kept)
         self.failures = Failures(omit_failed, float(study.margin_deg), kept)
-        # Techniques that show the same on pictures are one: their places, by key.
-        self.techniques: dict[str, AbstractTechnique] = {}
-        self.places: dict[str, list[int]] = {}
-        for place, technique in enumerate(study.techniques):
-            check_hints(technique)
-            technique = technique.on_pictures()
-            # Two classes of one's own may differ in nothing else.
-            key = fingerprint(technique, technique.id)
-            self.techniques.setdefault(key, technique)
-            self.places.setdefault(key, []).append(place)
-        # The pilot's sessions are always the same ones, so that no session's result
-        # depends on which others are run with it.
-        pilot = _sessions(study, 0, _PILOT_SESSIONS)
-        self.runner = Runner(
-            study.display,
-            study.measure,
-            list(self.techniques.values()),
-            study.warmup,
-            self.batch_size,
-            pilot.batch(0, pilot.count),
-            metrics=study.metrics,
-        )
+        self.stages = stages(study, seed, self.batch_size)
         self.identity = fingerprint(
             [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
             [str(getattr(jax.config, name)) for name in _SETTINGS],
@@ -122,15 +91,15 @@ class Run:
         def tell(doing: str) -> None:
             self.tell(Progress(done, ran.size, doing, fresh, unit="simulations"))
 
-        for s, (name, scene) in enumerate(study.scenes.items()):
+        for s, stage in enumerate(self.stages):
+            name, source = stage.name, functools.cache(stage.source)
             tell(name)
-            scene_key = fingerprint(scene)
-            texture = functools.cache(functools.partial(self._bake, scene))
+            sessions = stage.sessions(count)
             for start in range(0, count, self.batch_size):
-                batch = self.sessions.batch(start, self.batch_size)
+                batch = sessions.batch(start, self.batch_size)
                 here = slice(start, start + batch.size)
-                found, new = self._measured(name, scene_key, texture, batch)
-                for k, places in enumerate(self.places.values()):
+                found, new = self._measured(stage, source, batch)
+                for k, places in enumerate(stage.places.values()):
                     measured[:, places, s, here] = found[:, k, None]
                 ran[:, s, here] = True
                 done += batch.size * len(study.techniques)
@@ -141,13 +110,45 @@ class Run:
 
     def until(self) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
-        study, camera, goal = self.study, self.study.display, self.goal
+        study, goal = self.study, self.goal
         begun = time.perf_counter()
-        techniques, places = list(self.techniques.values()), list(self.places.values())
+        found, plans, pictures = [], [], None
+        for s, stage in enumerate(self.stages):
+            start = time.perf_counter()
+            left = begun + (goal.budget_s or 0.0) - start
+            share = start + left / (len(self.stages) - s)
+            # Solids are compiled each on its own, and have nothing to share.
+            until = None if stage.is_solid else pictures
+            if until is None:
+                until = self._until(stage)
+            if not stage.is_solid:
+                pictures = until
+                self.tell(Progress(doing=f"baking {stage.name}"))
+            cell, plan = until.scene(stage.name, stage.source(), start, share)
+            found.append(cell)
+            plans.append(plan)
+        count = max(cell.measured.shape[-1] for cell in found)
+        self.sessions = drawing(study, self.seed)(count)
+        measured, ran = self._nothing(count)
+        places = [list(stage.places.values()) for stage in self.stages]
+        for s, cell in enumerate(found):
+            size = cell.measured.shape[-1]
+            for k, mine in enumerate(places[s]):
+                measured[:, mine, s, :size] = cell.measured[:, k, None]
+                ran[mine, s, :size] = cell.was_simulated()[k]
+        self._check(measured, ran)
+        shape = measured.shape[1:]
+        return self._gathered(
+            measured, ran, with_controls(found, plans, goal, places, shape)
+        )
+
+    def _until(self, stage: Stage) -> Until:
+        """Return what runs a scene, or all pictures, until the goal."""
+        study, camera = self.study, self.study.display
+        techniques = list(stage.techniques.values())
         baseline = [t.id for t in study.techniques].index(study.baseline)
-        length = study.warmup + study.frames
         paths = controls = None
-        if isinstance(study.measure, Tiles):
+        if isinstance(study.measure, Tiles) and not stage.is_solid:
             side = study.measure.size_px
             models = {
                 fingerprint(m): m
@@ -156,39 +157,16 @@ class Run:
             }
             controls = Controls(list(models.values()), camera, study.warmup, side)
             cells = (camera.width_px // side) * (camera.height_px // side)
-            several = Tiles(min(PATH_TILES, cells), side)
-            paths = Sessions(self.seed, study.head, camera, several, _ENDLESS, length)
-        keys = {name: fingerprint(scene) for name, scene in study.scenes.items()}
+            paths = stage.sessions(_ENDLESS, Tiles(min(PATH_TILES, cells), side))
+        named = {one.name: one for one in self.stages}
 
-        def simulate(name: str, texture: Texture, batch: Batch) -> Measured:
-            return self._measured(name, keys[name], lambda: texture, batch)[0]
+        def simulate(name: str, source: AbstractSource, batch: Batch) -> Measured:
+            return self._measured(named[name], lambda: source, batch)[0]
 
-        endless = _sessions(study, self.seed, _ENDLESS)
+        endless = stage.sessions(_ENDLESS)
         sampler = Sampler(techniques, endless, paths, controls, simulate, self.tell)
-        base = next(k for k, mine in enumerate(places) if baseline in mine)
-        until = Until(goal, sampler, base, len(study.metrics), self.failures)
-        found, plans = [], []
-        for s, (name, scene) in enumerate(study.scenes.items()):
-            start = time.perf_counter()
-            left = begun + (goal.budget_s or 0.0) - start
-            self.tell(Progress(doing=f"baking {name}"))
-            share = start + left / (len(study.scenes) - s)
-            cell, plan = until.scene(name, self._bake(scene), start, share)
-            found.append(cell)
-            plans.append(plan)
-        count = max(cell.measured.shape[-1] for cell in found)
-        self.sessions = _sessions(study, self.seed, count)
-        measured, ran = self._nothing(count)
-        for s, cell in enumerate(found):
-            size = cell.measured.shape[-1]
-            for k, mine in enumerate(places):
-                measured[:, mine, s, :size] = cell.measured[:, k, None]
-                ran[mine, s, :size] = cell.was_simulated()[k]
-        self._check(measured, ran)
-        shape = measured.shape[1:]
-        return self._gathered(
-            measured, ran, with_controls(found, plans, goal, places, shape)
-        )
+        base = next(k for k, p in enumerate(stage.places.values()) if baseline in p)
+        return Until(self.goal, sampler, base, len(study.metrics), self.failures)
 
     def _nothing(
         self, count: int
@@ -201,45 +179,31 @@ class Run:
         return np.full((len(self.study.metrics), *shape), np.nan), np.zeros(shape, bool)
 
     def _measured(
-        self,
-        name: str,
-        scene_key: str,
-        texture: Callable[[], Texture],
-        batch: Batch,
+        self, stage: Stage, source: Callable[[], AbstractSource], batch: Batch
     ) -> tuple[Measured, int]:
         """Measure a batch, or find it; and how many techniques were measured anew."""
         # The pilot is timed, so it is always run.
         is_timed = batch.start >= PILOT_START
-        kept = not (is_timed or without_version(self.study.scenes[name]))
-        key = fingerprint(self.identity, scene_key, batch.start, batch.size)
-        file = f"{name}-{batch.start}"
+        kept = not (is_timed or without_version(stage.scene))
+        key = fingerprint(self.identity, stage.key, batch.start, batch.size)
+        file = f"{stage.name}-{batch.start}"
         found = self.store.find(file, key) if kept else {}
-        missing = [key for key in self.techniques if key not in found]
+        missing = [key for key in stage.techniques if key not in found]
         if missing:
-            lacking = [self.techniques[key] for key in missing]
-            results = self.runner.run(lacking, texture(), batch)
+            lacking = [stage.techniques[key] for key in missing]
+            results = stage.runner.run(lacking, source(), batch)
             new = dict(zip(missing, results, strict=True))
             found |= new
             new = {
-                k: new[k] for k in missing if not without_version(self.techniques[k])
+                k: new[k] for k in missing if not without_version(stage.techniques[k])
             }
             if kept and new:
                 self.store.keep(file, key, new)
         values = [
-            [found[key].metrics[metric.id] for key in self.techniques]
+            [found[key].metrics[metric.id] for key in stage.techniques]
             for metric in self.study.metrics
         ]
-        return np.asarray(values, float), sum(len(self.places[k]) for k in missing)
-
-    def _bake(self, scene: AbstractScene) -> Texture:
-        return placed(
-            bake(
-                scene,
-                self.study.display,
-                oversampling=self.study.oversampling,
-                margin_deg=self.study.margin_deg,
-            )
-        )
+        return np.asarray(values, float), sum(len(stage.places[k]) for k in missing)
 
     def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:
         """Stop if too many sessions failed so far."""
@@ -257,10 +221,15 @@ class Run:
     ) -> "xarray.Dataset":
         count = self.sessions.count
         rotation_deg, wide = np.zeros(count), 0
-        techniques = list(self.techniques.values())
+        runners = {stage.runner: stage for stage in self.stages}
+        drawn = {runner: stage.sessions(count) for runner, stage in runners.items()}
         for start in range(0, count, CHUNK):
             batch = self.sessions.batch(start, CHUNK)
-            wide += int(self.runner.is_wide(techniques, batch).sum())
+            is_wide = np.zeros(batch.size, bool)
+            for runner, stage in runners.items():
+                techniques = list(stage.techniques.values())
+                is_wide |= runner.is_wide(techniques, drawn[runner].batch(start, CHUNK))
+            wide += int(is_wide.sum())
             turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
             square = np.mean(np.sum(turn**2, axis=-1), axis=-1)
             rotation_deg[start : start + batch.size] = np.sqrt(square)

@@ -27,7 +27,10 @@ Techniques = Sequence[AbstractTechnique]
 
 
 class Runner:
-    """Runs batches of a study; decides how wide their halos are."""
+    """Runs batches of a study; decides how wide their halos are.
+
+    `moving`: the source, where techniques follow what moves in it.
+    """
 
     def __init__(
         self,
@@ -39,11 +42,13 @@ class Runner:
         pilot: Batch,
         reading: Reading | None = None,
         metrics: Sequence[AbstractMetric] = STANDARD,
+        moving: AbstractSource | None = None,
     ):
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
         self.metrics = tuple(metrics)
         self.block = measure.block_size(camera)
+        self._moving = moving
         self._usual_halo: dict[str, int] = {}
         for technique in techniques:
             check_hints(technique)
@@ -100,7 +105,12 @@ class Runner:
         self, technique: AbstractTechnique, batch: Batch
     ) -> Int[np.ndarray, " sessions"]:
         return needed_halo_px(
-            technique, self.camera, batch.motion, batch.origins, self.block
+            technique,
+            self.camera,
+            batch.motion,
+            batch.origins,
+            self.block,
+            self._moving,
         )
 
     def _dispatch(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..estimates.cells import Cell
-from ..frames.sources import Texture
+from ..frames.sources import AbstractSource
 from ..techniques.base import AbstractTechnique
 from ..techniques.small_motion import Still
 from ..theory.control_variates import Controls, control_of
@@ -32,12 +32,12 @@ PATH_CHUNK, PATH_TILES = 2048, 2
 
 Measured = Float[np.ndarray, "metric technique session"]
 
-Simulate = Callable[[str, Texture, Batch], Measured]
-"""Scene, texture and batch to what is measured of all techniques."""
+Simulate = Callable[[str, AbstractSource, Batch], Measured]
+"""Scene, source and batch to what is measured of all techniques."""
 
 
 class Sampler:
-    """Draws the sessions of a study: the same ones for all scenes.
+    """Draws the sessions of a study: the same ones for all scenes that share it.
 
     - `techniques`: those that show something distinct.
     - `sessions`, `paths`: to simulate, and only to predict.
@@ -99,11 +99,11 @@ class SceneSampler:
         self,
         sampler: Sampler,
         name: str,
-        texture: Texture,
+        source: AbstractSource,
         statistics: PictureStatistics | None,
     ):
         self._sampler, self._name = sampler, name
-        self._texture, self._statistics = texture, statistics
+        self._source, self._statistics = source, statistics
         # Techniques that may still show something new.
         self._is_open = np.ones(len(sampler.techniques), bool)
 
@@ -112,7 +112,7 @@ class SceneSampler:
         self._is_open = ~techniques
 
     def _simulated(self, batch: Batch) -> Measured:
-        return self._sampler.simulate(self._name, self._texture, batch)
+        return self._sampler.simulate(self._name, self._source, batch)
 
     def _predicted(self, batch: Batch) -> Float[np.ndarray, "technique session"]:
         """Predictions of each technique, mean over tiles."""

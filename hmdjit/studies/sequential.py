@@ -25,7 +25,7 @@ from ..estimates.planning import (
     interim_level,
     sessions_needed,
 )
-from ..frames.sources import Texture
+from ..frames.sources import AbstractSource, Texture
 from .failures import Failures
 from .progress import Progress
 from .sampler import (
@@ -106,7 +106,7 @@ class Until:
         self._metrics, self._failures = metrics, failures
 
     def scene(
-        self, name: str, texture: Texture, begun: float, deadline: float
+        self, name: str, source: AbstractSource, begun: float, deadline: float
     ) -> tuple[Cell, ScenePlan]:
         """Run a scene.
 
@@ -114,10 +114,11 @@ class Until:
         spent; both as of `time.perf_counter`.
         """
         sampler, statistics = self._sampler, None
-        if sampler.controls is not None:
+        if sampler.controls is not None:  # there are such of pictures only
+            assert isinstance(source, Texture)
             sampler.tell(Progress(doing=f"{name}: statistics"))
-            statistics = sampler.controls.statistics(texture)
-        measure = SceneSampler(sampler, name, texture, statistics)
+            statistics = sampler.controls.statistics(source)
+        measure = SceneSampler(sampler, name, source, statistics)
         plan, slope, share = self._plan(name, measure)
         if self._goal.tolerance is not None and plan.sessions > MOST_SESSIONS:
             raise ValueError(
@@ -224,9 +225,8 @@ class Until:
                 break
         _, kind, n, m, b, seconds = min(choices, key=lambda choice: choice[0])
         others = [f"{c[1]} {c[-1]:.1f} s" for c in choices if c[1] != kind]
-        why = f"one session takes {1e3 * session_seconds:.1f} ms" + (
-            f"; {others[0]}" if others else ""
-        )
+        other = others[0] if others else "paired, without a control variate"
+        why = f"one session takes {1e3 * session_seconds:.1f} ms; {other}"
         return ScenePlan(name, kind, why, n, m, seconds), b, np.clip(share, 0, 1)
 
     def _needs(
@@ -252,13 +252,13 @@ def with_controls(
     cells: list[Cell],
     plans: list[ScenePlan],
     goal: Goal,
-    places: list[list[int]],
+    places: Sequence[Sequence[Sequence[int]]],
     shape: tuple[int, int, int],
 ) -> dict[str, dict]:
     """Return what a dataset holds of a study that ran until its goal.
 
-    **Arguments:** `places`: where each distinct technique stands among the study's;
-    `shape`: of the dataset.
+    **Arguments:** `places`: where each distinct technique of a scene stands among the
+    study's; `shape`: of the dataset.
 
     **Returns:** `variables` and `attributes`; estimates can be made again from them.
     """
@@ -269,7 +269,7 @@ def with_controls(
     slope, share = np.zeros((2, techniques, scenes))
     count = np.zeros((techniques, scenes), int)
     for s, cell in enumerate(cells):
-        for k, mine in enumerate(places):
+        for k, mine in enumerate(places[s]):
             predicted[mine, s, : cell.predicted.shape[1]] = cell.predicted[k]
             paths[mine, s, : cell.paths.shape[1]] = cell.paths[k]
             slope[mine, s] = cell.slope[k]

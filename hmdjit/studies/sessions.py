@@ -17,6 +17,7 @@ from jaxtyping import Array, DTypeLike, Float, Int
 from .._types import RandomKey
 from ..camera import Camera
 from ..frames.motion import Motion
+from ..frames.neck import NeckModel
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
 from ..simulation.sharding import over_sessions
@@ -39,8 +40,13 @@ def _drawn_path(
     return Motion.of(head.sample(session_key, rate_hz, frames, dtype=dtype))
 
 
+def _on_neck(neck: NeckModel, motion: Motion) -> Motion:
+    """Add where the eye is to a session, unless that is known."""
+    return neck.moved(motion)
+
+
 @jax.jit
-def _recorded_motion(poses: Float[Array, "sessions frames 4"]) -> Motion:
+def _recorded_motion(poses: Float[Array, "sessions frames components"]) -> Motion:
     """Motion of re-based windows, `(sessions, frames, 3)`."""
     return jax.lax.map(Motion.of, poses)
 
@@ -99,7 +105,8 @@ class Sessions:
     - `count`: how many there are; of a replay, at most its windows.
     - `subjects`: the subject of each, of a replay; else None.
 
-    Paths of a model are drawn in `dtype`: another one draws other paths.
+    Paths of a model are drawn in `dtype`: another one draws other paths. Where the eye
+    is matters to solids only (`has_places`): as recorded, or moved by a `neck`.
     """
 
     def __init__(
@@ -112,10 +119,13 @@ class Sessions:
         length: int,
         *,
         dtype: DTypeLike = jnp.float32,
+        has_places: bool = False,
+        neck: NeckModel | None = None,
     ):
         self._key = study_key(seed)
         self._head, self._camera, self._measure = head, camera, measure
         self._length, self._dtype = length, jnp.dtype(dtype)
+        self._has_places, self._neck = has_places, neck
         self.count = count
         self.subjects: list[str] | None = None
         if isinstance(head, Replay):
@@ -163,6 +173,10 @@ class Sessions:
         else:
             windows = np.arange(start, start + size) % self.count
             motion = _recorded_motion(jnp.asarray(self._windows[windows], jnp.float32))
+        if not self._has_places:
+            motion = motion.turning()
+        elif self._neck is not None:
+            motion = over_sessions(_on_neck, self._neck, motion)
         return jax.tree.map(np.asarray, (motion, origins))
 
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class Study(StudyDefinition):
     """A Monte Carlo study of flicker.
 
-    - `scenes`: by name.
+    - `scenes`: by name: pictures, which are baked, and sources such as solids, which
+      are seen as they are.
     - `techniques`: compared on the same head paths and the same blocks.
     - `camera`: of the headset; a replay at its own rate replaces `refresh_hz`.
     - `head`: a model, from which each session draws a person and a path, or a `Replay`.
@@ -34,6 +35,11 @@ class Study(StudyDefinition):
     - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
     - `margin_deg`: how far a head may turn from where it started.
     - `metrics`: what is measured; the first is the headline, which ratios are of.
+    - `neck`: on which a head turns before solids, where its positions are not recorded;
+      None turns it about the eye. Pictures have no depth, and know no positions.
+    - `reference_samples`, `reference_every`: of solids, rays per pixel in the picture
+      that detail loss is measured against, and of how many measured frames the first
+      one is held against it.
     """
 
     def run(
@@ -61,7 +67,8 @@ class Study(StudyDefinition):
         - `tolerance`: instead of `sessions`, as many in each scene as bring the 95 %
           interval of every mean and ratio of MTCD within this relative half-width, or
           within 0.005 code values, given the head: what a fitted one may be off by
-          comes on top. How many depends on study, seed and tolerance only.
+          comes on top. How many depends on study, seed and tolerance only. Solids have
+          no control variate: there it takes more.
         - `budget_s`: instead, as many as these seconds allow, compiling included; at
           least 128 in each scene. How many follows the clock.
         - `repeat`: instead, as many as a run with a budget had: sessions and predicted

@@ -20,8 +20,13 @@ def blank_frame(
     camera: Camera,
     region: Region,
     dtype: DTypeLike,
+    velocity_bounds: Array | None = None,
 ) -> Frame:
-    """Return a black frame with all that a technique asks for."""
+    """Return a black frame with all that a technique asks for.
+
+    **Arguments:** `velocity_bounds`: how far things move in it, px, `(2, 2)`; None
+    where that is the head's rotation alone, of which no channel tells.
+    """
     table = technique.sample_offsets_px
     samples = table.shape[1]
     jitter_px = jnp.zeros(2, dtype) if samples == 1 and table.any() else None
@@ -30,8 +35,15 @@ def blank_frame(
         planes, own = CHANNELS[name]
         return jnp.zeros((samples, planes, region.height, region.width), own or dtype)
 
-    channels = {name: blank(name) for name in technique.needs - {"color"}}
-    return Frame(blank("color"), camera, region, channels=channels, jitter_px=jitter_px)
+    without = {"color"} | ({"velocity"} if velocity_bounds is None else set())
+    return Frame(
+        blank("color"),
+        camera,
+        region,
+        channels={name: blank(name) for name in technique.needs - without},
+        velocity_bounds=velocity_bounds,
+        jitter_px=jitter_px,
+    )
 
 
 def check_contract(technique: AbstractTechnique) -> None:

@@ -1,0 +1,116 @@
+"""Scenes on the command line: listed, rendered, named in studies."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small
+from PIL import Image
+
+import hmdjit as hj
+from hmdjit.cli import definition, main
+
+PICTURE = hj.scenes.uniform(name="grey")
+KNOWN = {"grey": PICTURE}
+
+
+@pytest.fixture(autouse=True)
+def few_scenes(monkeypatch):
+    monkeypatch.setattr(definition.scenes, "study_set", lambda: dict(KNOWN))
+    solids = {"fence": small.solids(), "grey": small.NOISE}
+    monkeypatch.setattr(definition.scenes, "solid_set", lambda: solids, raising=False)
+
+
+@pytest.fixture
+def picture(tmp_path):
+    path = tmp_path / "photo.png"
+    Image.fromarray(np.full((8, 8, 3), 90, np.uint8)).save(path)
+    return path
+
+
+def test_scenes_are_listed_with_what_they_give(capsys):
+    assert main.run(["scenes"]) == 0
+    grey, fence = capsys.readouterr().out.splitlines()
+    assert grey.split()[:2] == ["grey", "picture"]
+    assert "solids   2 objects, 2 primitives" in fence
+    assert "moves" in fence
+    assert {"depth", "object_id", "velocity"} <= set(fence.split("gives")[1].split())
+
+
+def test_a_study_mixes_solids_pictures_and_files(picture):
+    names = ("fence", str(picture), "grey")
+    study = definition.build(definition.Options(scenes=names, techniques=("none",)))
+    assert list(study.scenes) == ["fence", "photo", "grey"]
+    assert study.scenes["grey"] is PICTURE  # the default study's come first
+    assert study.neck is not None
+
+
+def test_what_solids_rest_on_is_an_option_and_a_key(tmp_path, picture):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        "scenes = ['fence', 'photo.png']\nno_neck = true\n"
+        "reference_samples = 4\nreference_every = 3\n"
+    )
+    options, _ = definition.read_toml(path)
+    study = definition.build(options)
+    assert list(study.scenes) == ["fence", "photo"]
+    assert study.neck is None
+    assert (study.reference_samples, study.reference_every) == (4, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["study", "--scenes", "fense"], "Did you mean 'fence'"),
+        (["study", "--scenes", "fence", "fence"], "got fence twice"),
+        (["study", "--scenes", "lost.png"], "lost.png"),
+        (["study", "--scenes", "fence", "--reference-every", "0"], "--reference-every"),
+        (["render", "fense"], "Did you mean 'fence'"),
+        (["render", "fence", "--channel", "deep"], "Did you mean 'depth'"),
+        (["render", "fence", "--out", "x.gif"], "--out must end in .png or .npy"),
+        (
+            ["render", "fence", "--channel", "depth", "--technique", "none"],
+            "--technique must go with the channel color alone",
+        ),
+    ],
+)
+def test_wrong_scenes_are_named_in_one_line(arguments, message, capsys):
+    assert main.run(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
+SIZE = ["--width", "24", "--height", "18", "--fov", "4"]
+
+
+def rendered(tmp_path, capsys, *arguments, out="x.png"):
+    path = tmp_path / out
+    assert main.run(["render", *arguments, *SIZE, "--out", str(path)]) == 0
+    return path, capsys.readouterr().out
+
+
+def test_depth_is_written_as_numbers_and_shown_in_words(tmp_path, capsys):
+    words = ["fence", "--channel", "depth"]
+    path, said = rendered(tmp_path, capsys, *words, out="x.npy")
+    depth = np.load(path)
+    assert depth.shape == (18, 24)
+    assert depth.min() == pytest.approx(1.0, abs=0.02)
+    assert depth.max() == pytest.approx(2.0, abs=1e-3)
+    shown, said = rendered(tmp_path, capsys, *words)
+    assert "white is the nearest" in said
+    lightest = np.asarray(Image.open(shown))[depth == depth.min()]
+    assert (lightest == 255).all()
+
+
+@pytest.mark.parametrize("channel", ["object_id", "motion_class", "velocity"])
+def test_other_channels_are_shown(channel, tmp_path, capsys):
+    path, _ = rendered(tmp_path, capsys, "fence", "--channel", channel)
+    picture = np.asarray(Image.open(path))
+    assert picture.shape == (18, 24, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 1
+
+
+def test_a_technique_shows_its_first_frame(tmp_path, capsys):
+    path, _ = rendered(tmp_path, capsys, "grey", "--technique", "msaa4")
+    assert len(np.unique(np.asarray(Image.open(path)))) == 1
+    assert Path(path).exists()

@@ -1,0 +1,206 @@
+"""Sessions and studies of solids, alone and beside pictures."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+import small
+
+import hmdjit as hj
+from hmdjit.frames.neck import NeckModel
+from hmdjit.frames.sources import History
+from hmdjit.scenes.shapes import Movement
+from hmdjit.simulation.session import fastest_reading
+from hmdjit.studies.measured_blocks import Tiles, WholeFrame
+from hmdjit.studies.store import fingerprint
+from hmdjit.techniques import MSAA, NoAntialiasing
+from hmdjit.techniques.base import AbstractTechnique
+
+CAMERA = small.CAMERA_8_PX_PER_DEG
+HEAD = hj.HeadMotion.fixating()
+SOLIDS = small.solids()
+FRAMES, WARMUP = 4, 2
+
+
+class Following(AbstractTechnique):
+    """Exponential average along the content's own motion."""
+
+    share: float = 0.3
+
+    version = "1"
+
+    @property
+    def id(self):
+        return "following"
+
+    @property
+    def needs(self):
+        return frozenset({"color", "velocity"})
+
+    @property
+    def stencil_radius_px(self):
+        return 0
+
+    def init(self, frame):
+        return History.of(frame.color[0])
+
+    def step(self, state, frame, motion):
+        past = state.at(frame.reprojection(motion))
+        shown = past + self.share * (frame.color[0] - past)
+        return History.of(shown), shown
+
+
+def study(**changes):
+    settings = {
+        "scenes": {"noise": small.NOISE, "solids": SOLIDS},
+        "techniques": (NoAntialiasing(), MSAA(4)),
+        "head": HEAD,
+        "camera": CAMERA,
+        "frames": FRAMES,
+        "warmup": WARMUP,
+        "sessions": 6,
+        "measure": Tiles(1, 16),
+    }
+    return small.study(**(settings | changes))
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return np.asarray(HEAD.sample(jax.random.key(0), 60.0, WARMUP + FRAMES))
+
+
+@pytest.fixture(scope="module")
+def data():
+    return study().run(3)
+
+
+def simulated(poses, scene: hj.scenes.AbstractScene = SOLIDS, warmup=WARMUP, **options):
+    return hj.simulate(
+        scene, CAMERA, NoAntialiasing(), poses, warmup=warmup, **options
+    ).metrics
+
+
+def with_places(poses, places):
+    return np.concatenate([poses, np.broadcast_to(places, (len(poses), 3))], axis=1)
+
+
+# --- one session ---
+
+
+def test_a_head_turns_on_its_neck_unless_its_place_is_known(poses):
+    on_neck, off = simulated(poses), simulated(poses, neck=None)
+    assert on_neck["mtcd"] != off["mtcd"]
+    # A place that never changes is a head that turns about its eye.
+    assert simulated(with_places(poses, 0.5))["mtcd"] == pytest.approx(off["mtcd"])
+    moved = with_places(poses, 0.0)
+    moved[:, 4] = 1e-3 * np.arange(len(poses))
+    assert simulated(moved)["mtcd"] == simulated(moved, neck=None)["mtcd"]
+
+
+def test_a_picture_knows_no_place(poses):
+    picture = hj.scenes.checkerboard(square_deg=1.0)
+    known = with_places(poses, 0.0)
+    known[:, 4:] = np.arange(len(poses))[:, None]
+    usual = simulated(poses, picture)
+    for other in (
+        simulated(known, picture),
+        simulated(poses, picture, neck=NeckModel(up_m=0.5)),
+    ):
+        assert {k: float(v) for k, v in other.items()} == {
+            k: float(v) for k, v in usual.items()
+        }
+
+
+def every(m, scene, poses, warmup):
+    reading = dataclasses.replace(fastest_reading(), reference_every=m)
+    return simulated(poses, scene, warmup, reading=reading)
+
+
+def test_the_reference_is_held_against_every_other_frame(poses):
+    all_frames, even = every(1, SOLIDS, poses, 2), every(2, SOLIDS, poses, 2)
+    odd = every(2, SOLIDS, poses, 3)  # the frames between
+    assert even["mtcd"] == all_frames["mtcd"]
+    mean = (even["detail_loss"] + odd["detail_loss"]) / 2
+    np.testing.assert_allclose(mean, all_frames["detail_loss"], rtol=1e-5)
+    assert even["detail_loss"] != odd["detail_loss"]
+
+
+# --- studies ---
+
+
+def test_pictures_and_solids_in_one_study(data):
+    picture, solid = (data["mtcd"].sel(scene=name) for name in ("noise", "solids"))
+    np.testing.assert_array_equal(
+        picture.sel(technique="msaa4"), picture.sel(technique="none")
+    )
+    assert (solid.sel(technique="msaa4") != solid.sel(technique="none")).any()
+    assert np.isfinite(data["mtcd"].values).all()
+
+
+def test_a_picture_gives_the_same_beside_solids(data):
+    alone = study(scenes={"noise": small.NOISE}).run(3)
+    np.testing.assert_array_equal(
+        alone["mtcd"].sel(scene="noise"), data["mtcd"].sel(scene="noise")
+    )
+
+
+def test_batches_change_no_bit_and_are_found_again(tmp_path, data):
+    first = study(sessions=4).run(3, out=tmp_path, batch_size=2)
+    events = []
+    again = study().run(3, out=tmp_path, batch_size=2, progress=events.append)
+    assert max(event.fresh for event in events) == 8  # 2 sessions x 2 x 2
+    for one in (again, first):
+        sessions = one.sizes["session"]
+        for name in ("mtcd", "detail_loss"):
+            np.testing.assert_array_equal(one[name], data[name][..., :sessions])
+
+
+def test_all_that_is_in_a_scene_counts():
+    others = [
+        small.solids(movement=None),
+        small.solids(movement=Movement(velocity_m_s=(0.35, 0.1, 1e-6))),
+        dataclasses.replace(SOLIDS, has_sun=True),
+        dataclasses.replace(SOLIDS, ambient=np.asarray(0.2)),
+    ]
+    found = {fingerprint(scene) for scene in [SOLIDS, *others]}
+    assert len(found) == len(others) + 1
+    assert fingerprint(SOLIDS) == fingerprint(small.solids())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"neck": 3}, "neck must be a NeckModel or None"),
+        ({"reference_samples": 0}, "reference_samples must"),
+        ({"reference_every": 0}, "reference_every must"),
+    ],
+)
+def test_wrong_numbers_are_refused(change, message, untyped):
+    with pytest.raises(ValueError, match=message):
+        study(**change)
+
+
+# --- halos of what follows things that move ---
+
+
+def follow(measure, sessions):
+    return study(
+        scenes={"solids": SOLIDS},
+        techniques=(Following(),),
+        baseline="following",
+        measure=measure,
+        sessions=sessions,
+    ).run(5)
+
+
+@pytest.mark.slow
+def test_tiles_have_the_mean_of_whole_frames_where_things_move():
+    count = 64
+    whole, tiles = (follow(m, count) for m in (WholeFrame(), Tiles(2, 16)))
+    for metric in ("mtcd", "detail_loss"):
+        difference = (tiles[metric] - whole[metric]).values.ravel()
+        mean, error = difference.mean(), difference.std(ddof=1) / count**0.5
+        # Two numbers, each beyond 4 standard errors once in 6000 (Student, 63 degrees).
+        assert abs(mean) < 4 * error, metric
+        assert error < 0.1 * whole[metric].values.mean()
