@@ -5,11 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small import quickly
+from small import CAMERA, path, quickly, texture
 
 import hmdjit as hj
 from hmdjit.frames.motion import Motion, check_poses, checked_motion, rebased_motion
 from hmdjit.frames.neck import NeckModel
+from hmdjit.techniques import HeadMovement
 
 FRAMES = 6
 of = quickly(Motion.of)
@@ -150,3 +151,14 @@ def test_windows_of_recordings_carry_positions_where_all_have_them(rng):
     mixed, _ = hj.Replay([with_place, without]).windows(FRAMES)
     np.testing.assert_array_equal(windows[..., :4], alone)
     np.testing.assert_array_equal(mixed, np.concatenate([alone, alone]))
+
+
+@pytest.mark.slow
+def test_a_picture_does_not_move_with_the_eye(rng):
+    picture, turns = texture(rng), path(rng)
+    poses = np.hstack([turns, 0.1 * rng.normal(size=(len(turns), 3))])
+    shown = [
+        hj.simulate(picture, CAMERA, HeadMovement(), each) for each in (turns, poses)
+    ]
+    for one, other in zip(*map(jax.tree.leaves, shown), strict=True):
+        np.testing.assert_array_equal(one, other)

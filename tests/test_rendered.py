@@ -280,3 +280,13 @@ def test_objects_need_to_know_where_the_eye_is(rng):
     given = channels(rng)["object_poses"]
     with pytest.raises(ValueError, match=r"^poses must say where the eye is, \(fram"):
         shown(NoAntialiasing(), walking(rng)[:, :4], object_poses=given)
+
+
+def test_what_is_being_traced_is_derived_alike(rng):
+    poses, depth = walking(rng), channels(rng)["depth"]
+    poses[:, 4:] -= poses[0, 4:]
+    derived = lambda poses, depth: hj.apply(
+        Shows("velocity"), CAMERA, np.zeros((FRAMES, *SIZE)), poses, depth=depth
+    )
+    traced = jax.jit(derived)(jnp.asarray(poses), jnp.asarray(depth))
+    np.testing.assert_allclose(traced, derived(poses, depth), rtol=0, atol=1e-9)
