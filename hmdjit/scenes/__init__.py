@@ -20,5 +20,6 @@ from .pictures import Panorama as Panorama
 from .pictures import Photograph as Photograph
 from .rasters import page_of_text as page_of_text
 from .rasters import power_law_noise as power_law_noise
+from .solids import Baked as Baked
 from .study_set import CREDITS as CREDITS
 from .study_set import study_set as study_set
