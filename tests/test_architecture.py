@@ -110,7 +110,12 @@ FOLDERS = {
         ("run",),
         ("study",),
     ],
-    "trade_off": [("settings",), ("bench",), ("trade_off",), ("measurement", "choice")],
+    "trade_off": [
+        ("settings",),
+        ("bench", "knobs"),
+        ("trade_off",),
+        ("measurement", "choice"),
+    ],
     "sensitivity": [("derivatives",), ("sensitivity",)],
     "curve_fitting": [
         ("space", "search"),

@@ -17,7 +17,8 @@ KNOWN = {"grey": PICTURE}
 @pytest.fixture(autouse=True)
 def few_scenes(monkeypatch):
     monkeypatch.setattr(definition.scenes, "study_set", lambda: dict(KNOWN))
-    solids = {"fence": small.solids(), "grey": small.NOISE}
+    pipe = small.solids(movement=None)
+    solids = {"fence": small.solids(), "pipe": pipe, "grey": small.NOISE}
     monkeypatch.setattr(definition.scenes, "solid_set", lambda: solids, raising=False)
 
 
@@ -30,7 +31,7 @@ def picture(tmp_path):
 
 def test_scenes_are_listed_with_what_they_give(capsys):
     assert main.run(["scenes"]) == 0
-    grey, fence = capsys.readouterr().out.splitlines()
+    grey, fence, _ = capsys.readouterr().out.splitlines()
     assert grey.split()[:2] == ["grey", "picture"]
     assert "solids   2 objects, 2 primitives" in fence
     assert "moves" in fence
@@ -58,6 +59,16 @@ def test_what_solids_rest_on_is_an_option_and_a_key(tmp_path, picture):
     assert (study.reference_samples, study.reference_every) == (4, 3)
 
 
+def test_baked_solids_have_colours_alone():
+    settings = {"scenes": ("pipe",), "baked": True, "no_neck": True}
+    options = definition.Options(**settings, techniques=("none",))
+    assert "depth" not in definition.build(options).scenes["pipe"].gives
+    with pytest.raises(ValueError, match="msaa4 needs coverage, which pipe"):
+        definition.build(definition.Options(**settings, techniques=("msaa4",)))
+    with pytest.raises(ValueError, match="it has depth"):
+        hj.scenes.bake(small.solids(), small.CAMERA)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -65,6 +76,11 @@ def test_what_solids_rest_on_is_an_option_and_a_key(tmp_path, picture):
         (["study", "--scenes", "fence", "fence"], "got fence twice"),
         (["study", "--scenes", "lost.png"], "lost.png"),
         (["study", "--scenes", "fence", "--reference-every", "0"], "--reference-every"),
+        (["study", "--scenes", "fence", "--baked"], "--baked must go with --no-neck"),
+        (
+            ["study", "--scenes", "fence", "--baked", "--no-neck"],
+            "fence must not move to be baked",
+        ),
         (["render", "fense"], "Did you mean 'fence'"),
         (["render", "fence", "--channel", "deep"], "Did you mean 'depth'"),
         (["render", "fence", "--out", "x.gif"], "--out must end in .png or .npy"),

@@ -19,7 +19,7 @@ from hmdjit.figures import trade_off as trade_off_figure
 from hmdjit.figures.drawing import save
 from hmdjit.frames.displacement import GATHER, Reading
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.trade_off import choice, measurement, settings, trade_off
+from hmdjit.trade_off import choice, knobs, measurement, settings, trade_off
 from hmdjit.trade_off.settings import Case, EverySample, Setting
 from hmdjit.trade_off.trade_off import Row
 
@@ -243,7 +243,7 @@ def test_cases_begin_with_the_reference_and_leave_out_what_does_not_fit():
         techniques=[hj.techniques.HeadMovement(), hj.techniques.MSAA()],
         baseline="msaa4",
     )
-    every = [*settings.single_knobs(study), *settings.combinations(study)]
+    every = [*knobs.single_knobs(study), *knobs.combinations(study)]
     cases, misfits = settings.cases(
         study, every, also=[hj.techniques.SSAA()], is_with_samples=True
     )

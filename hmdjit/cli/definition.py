@@ -15,6 +15,7 @@ from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
+from ..scenes.solids import Solids
 from ..studies.definition import StudyScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
 from ..studies.sequential import Goal
@@ -165,13 +166,25 @@ def _scenes(options: Options) -> dict[str, StudyScene]:
         *((scenes.Panorama.read, path) for path in options.panorama or ()),
     ]
     if not files:
-        return named_scenes(options.scenes)
+        return _baked(options, named_scenes(options.scenes))
     chosen: dict[str, StudyScene] = {}
     for reader, path in files:
         if path.stem in chosen:
             raise ValueError(f"images must differ in name, got {path.stem} twice.")
         chosen[path.stem] = reader(path)
     return chosen
+
+
+def _baked(options: Options, chosen: dict[str, StudyScene]) -> dict[str, StudyScene]:
+    """Make pictures of solids, if that is asked for."""
+    if not options.baked:
+        return chosen
+    if not options.no_neck:
+        raise ValueError("baked must go with --no-neck: what is baked has no depth.")
+    return {
+        name: scenes.Baked(scene, name) if isinstance(scene, Solids) else scene
+        for name, scene in chosen.items()
+    }
 
 
 def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:

@@ -185,6 +185,10 @@ class _StudyOptions:
         int | None,
         shown("N", "Take it on the first of N measured frames of solids (default: 1)."),
     ] = None
+    baked: Annotated[
+        bool,
+        shown("", "Bake solids, colours alone: for --no-neck, where nothing moves."),
+    ] = False
     omit_failed: Annotated[
         bool,
         shown(

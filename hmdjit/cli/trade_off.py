@@ -15,7 +15,7 @@ from ..figures.drawing import save
 from ..reports import trade_off as trade_off_report
 from ..studies.identity import counted
 from ..studies.study import Study
-from ..trade_off import choice, measurement, settings, trade_off
+from ..trade_off import choice, knobs, measurement, settings, trade_off
 from ..trade_off.choice import Choice
 from . import definition
 from .options import OK, Fov, Head, Height, Seed, Width, check_can_write, shown
@@ -35,11 +35,14 @@ class TradeOffCommand:
     Takes 2 to 3 minutes on two idle cores, most of them to compile. Looks at the page
     of text: its hard edges show what textures do to the numbers, which photographs,
     whose texels are the texture's, do not. One knob is turned at a time; bias is
-    measured by paired differences to the reference (texture 4x, float64).
+    measured by paired differences to the reference (texture 4x, float64). Of solids,
+    rays are cast (reference: 64 rays per pixel for detail loss, float64); where nothing
+    moves in them, a texture of what a head without a neck sees is held beside it.
     """
 
     scene: Annotated[
-        str | None, shown("NAME", f"One of the eleven scenes (default: {SCENE}).")
+        str | None,
+        shown("NAME", f"A scene of pictures or of solids, by name (default: {SCENE})."),
     ] = None
     images: Annotated[
         Path | None, shown("PATH", "A flat picture (PNG, JPEG) instead.")
@@ -73,11 +76,11 @@ class TradeOffCommand:
             sessions = _QUICK_SESSIONS if self.quick else _SESSIONS
         _checks.whole("sessions", sessions, 2)
         study, study_options = _study(self)
-        chosen, also = settings.single_knobs(study), []
+        chosen, also = knobs.single_knobs(study), []
         if self.quick:
-            chosen = [one for one in chosen if one.name in settings.QUICK]
+            chosen = [one for one in chosen if one.name in knobs.QUICK]
         else:
-            chosen = [*chosen, *settings.combinations(study)]
+            chosen = [*chosen, *knobs.combinations(study)]
             also = [techniques.by_id(id) for id in _ALSO]
         cases, misfits = settings.cases(
             study, chosen, also=also, is_with_samples=not self.quick

@@ -9,6 +9,8 @@ files. `study_set` needs the extra packages of `hmdjit[study]`; the other names 
 them only when they read a file or draw text.
 """
 
+from . import shapes as shapes
+from . import surfaces as surfaces
 from .baking import bake as bake
 from .base import AbstractFlatScene as AbstractFlatScene
 from .base import AbstractScene as AbstractScene
@@ -21,6 +23,9 @@ from .pictures import Panorama as Panorama
 from .pictures import Photograph as Photograph
 from .rasters import page_of_text as page_of_text
 from .rasters import power_law_noise as power_law_noise
+from .shapes import Movement as Movement
+from .shapes import Object as Object
+from .shapes import Sun as Sun
 from .solid_set import arched_window as arched_window
 from .solid_set import atrium as atrium
 from .solid_set import blinds as blinds
@@ -33,5 +38,7 @@ from .solid_set import moving_sphere as moving_sphere
 from .solid_set import pipe as pipe
 from .solid_set import solid_set as solid_set
 from .solid_set import wall_text as wall_text
+from .solids import Baked as Baked
+from .solids import Solids as Solids
 from .study_set import CREDITS as CREDITS
 from .study_set import study_set as study_set

@@ -11,7 +11,7 @@ from .. import _checks, color
 from ..camera import Camera
 from ..frames import resampling
 from ..frames.resampling import Texels
-from ..frames.sources import Texture
+from ..frames.sources import AbstractSource, Texture
 from .base import AbstractScene, Colors, check_scene, nameless
 
 _SAMPLES = 4  # per display pixel and axis, in the SSAA(4) reference
@@ -52,6 +52,11 @@ def bake(
     """
     margin_px = check_baking(camera, oversampling, margin_deg)
     check_scene(scene, camera)
+    if isinstance(scene, AbstractSource):
+        raise ValueError(
+            f"scene {scene.name!r} must not be baked, for it has depth: it is seen as "
+            "it is; hj.scenes.Baked(scene) is its colours alone."
+        )
     # Positions have too many digits for a shorter dtype than float32.
     painted_dtype = jnp.dtype(jnp.float32 if jnp.dtype(dtype).itemsize < 4 else dtype)
     painted = _paint(nameless(scene), camera, oversampling, margin_px, painted_dtype)

@@ -221,6 +221,30 @@ class Solids(AbstractScene, AbstractSource):
         return jax.vmap(against)(place, turned, moved)
 
 
+class Baked(AbstractScene):
+    """Solids in which nothing moves, to be baked as a picture is: colours alone.
+
+    For heads that turn about the eye, and techniques that need neither depth nor ids,
+    nor, as multisampling does, edges.
+    """
+
+    solids: Solids
+    name: str = eqx.field(static=True, default="baked")
+
+    def __check_init__(self):
+        if self.solids.moves:
+            raise ValueError(f"{self.name} must not move to be baked, but things do.")
+
+    @property
+    def gives(self) -> frozenset[str]:
+        """Colour, and how a head that turns moves it."""
+        return frozenset({"color", "supersampled", "velocity"})
+
+    def color(self, camera: Camera, direction: Directions) -> Colors:
+        """Gamma colour of the solids."""
+        return self.solids.color(camera, direction)
+
+
 def _apply(matrix: Array, vectors: Array) -> Array:
     """Multiply matrices and vectors, written out."""
     return jnp.sum(matrix * vectors[..., None, :], axis=-1)

@@ -131,6 +131,10 @@ def check_gives(
 ) -> None:
     """Raise unless a scene gives all channels that a technique needs."""
     lacking = sorted(technique.needs - set(gives))
+    if technique.shades_once_per_pixel and not {"multisampled", "coverage"} & set(
+        gives
+    ):
+        lacking.append("coverage")
     if lacking:
         raise ValueError(
             f"{technique.id} needs {', '.join(lacking)}, which {scene} does not give: "

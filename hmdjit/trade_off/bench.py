@@ -20,15 +20,16 @@ import numpy as np
 
 from .. import camera_bounds
 from ..camera import Camera, Region
-from ..frames.sources import Texture
+from ..frames.sources import AbstractSource
 from ..scenes.baking import bake
+from ..scenes.solids import Baked, Solids
 from ..simulation.session import Result
 from ..simulation.sharding import placed
 from ..studies.measured_blocks import Measurement
 from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
 from ..studies.study import Study
-from .settings import Case, Setting
+from .settings import Case, Setting, default_setting
 
 _PILOT_SESSIONS = 256
 _RUNS = 3
@@ -52,23 +53,30 @@ class Bench:
         self.length = study.warmup + study.frames
         ((_, self.scene),) = study.scenes.items()
         self._lock = threading.Lock()
-        self._textures: dict[tuple, Future[tuple[Texture, float]]] = {}
+        self._textures: dict[tuple, Future[tuple[AbstractSource, float]]] = {}
         self._most = max(_PILOT_SESSIONS, sessions)
-        drawn = self._drawn(study.measure, study.display)
+        drawn = self._drawn(default_setting(study))
         if drawn.size < 2:
             raise ValueError("a trade-off needs at least 2 sessions, the replay has 1.")
         self.sessions = min(sessions, drawn.size)
         self.margin_deg = _margin_deg(study.display, drawn)
 
-    def _drawn(self, measure: Measurement, camera: Camera) -> Batch:
+    def _drawn(self, setting: Setting) -> Batch:
         """As many sessions as show what halos are needed."""
         sessions = Sessions(
-            self.seed, self.study.head, camera, measure, self._most, self.length
+            self.seed,
+            self.study.head,
+            setting.camera(self.study.display),
+            setting.measure,
+            self._most,
+            self.length,
+            has_places=not setting.is_baked,
+            neck=self.study.neck,
         )
         return sessions.batch(0, sessions.count)
 
-    def texture(self, setting: Setting) -> Texture:
-        """Texture of a setting, on all devices; baked by whoever asks first."""
+    def source(self, setting: Setting) -> AbstractSource:
+        """Return what a setting renders, placed; whoever asks first bakes it."""
         with self._lock:
             future = self._textures.get(setting.texture())
             is_mine = future is None
@@ -91,11 +99,17 @@ class Bench:
         for key in self._textures.keys() - needed:
             del self._textures[key]
 
-    def _bake(self, setting: Setting) -> tuple[Texture, float]:
+    def _bake(self, setting: Setting) -> tuple[AbstractSource, float]:
         start = time.perf_counter()
+        scene = self.scene
+        if setting.is_baked and isinstance(scene, Solids):
+            scene = Baked(scene)
         with _precision(setting):
+            if isinstance(scene, AbstractSource):
+                placed_there = jax.block_until_ready(placed(scene))
+                return placed_there, time.perf_counter() - start
             texture = bake(
-                self.scene,
+                scene,
                 setting.camera(self.study.display),
                 oversampling=setting.oversampling,
                 # No wider than these heads wander: it changes no texel.
@@ -110,7 +124,7 @@ class Bench:
         """Prepare a case: its halo is wide enough for all sessions."""
         setting, study = case.setting, self.study
         camera = setting.camera(study.display)
-        drawn = self._drawn(setting.measure, camera)
+        drawn = self._drawn(setting)
         runner = Runner(
             camera,
             setting.measure,
@@ -119,6 +133,7 @@ class Bench:
             1,
             drawn,
             setting.reading,
+            moving=None if setting.is_baked else self.scene,
         )
         count = self._count(setting)
         runner.batch_size = count
@@ -135,7 +150,7 @@ class Bench:
         """Run each program once, two at a time; seconds that each took."""
 
         def first_run(program: Program) -> float:
-            self.texture(program.case.setting)
+            self.source(program.case.setting)
             return self._run(program)[1]
 
         pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
@@ -154,14 +169,14 @@ class Bench:
 
     def _run(self, program: Program) -> tuple[Result, float]:
         case, runner, batch = program
-        texture = self.texture(case.setting)
+        source = self.source(case.setting)
         with _precision(case.setting):
             if case.setting.dtype == "float64":
                 # The paths of float32, to the last bit.
                 wide = lambda leaf: jnp.asarray(np.asarray(leaf, np.float64))
                 batch = batch._replace(motion=jax.tree.map(wide, batch.motion))
             start = time.perf_counter()
-            (result,) = runner.run([case.technique], texture, batch)
+            (result,) = runner.run([case.technique], source, batch)
         return result, time.perf_counter() - start
 
 

@@ -1,6 +1,6 @@
 """Settings of fidelity: what there is to choose between speed and accuracy.
 
-One knob is turned at a time from the study's own setting; a few combinations follow.
+The knobs are in `knobs`: one is turned at a time from the study's own setting.
 """
 
 import dataclasses
@@ -14,8 +14,9 @@ from .._types import Rgb
 from ..camera import Camera
 from ..frames.displacement import Reading
 from ..frames.frame import Frame
+from ..frames.sources import AbstractSource
 from ..simulation.session import fastest_reading
-from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
+from ..studies.measured_blocks import CentralCrop, Measurement, Tiles
 from ..studies.study import Study
 from ..techniques import SSAA
 from ..techniques.base import AbstractSpatial, AbstractTechnique
@@ -23,6 +24,9 @@ from ..techniques.base import AbstractSpatial, AbstractTechnique
 REFERENCE = "reference"
 DEFAULT = "default"
 """Knob of the rows in which no knob is turned."""
+
+
+_OPTIONS = ("reference_samples", "reference_every")  # of a reading, of a study too
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Setting:
     - `reading`: how sources are read.
     - `shrink`: the camera has so many times fewer pixels per axis; same field of view.
     - `is_other_device`: the modelled device differs: no approximation of the reference.
+    - `kind`: `"picture"`, which is baked; solids, by `"rays"` or `"baked"` as well.
     """
 
     name: str
@@ -46,6 +51,12 @@ class Setting:
     reading: Reading = dataclasses.field(default_factory=fastest_reading)
     shrink: int = 1
     is_other_device: bool = False
+    kind: str = "picture"
+
+    @property
+    def is_baked(self) -> bool:
+        """Whether a texture is read; else rays are cast."""
+        return self.kind != "rays"
 
     def camera(self, full: Camera) -> Camera:
         """Return the camera with the setting's number of pixels.
@@ -68,11 +79,11 @@ class Setting:
 
     def fidelity(self) -> tuple:
         """Return what decides the pixels, apart from which are measured."""
-        return self.oversampling, self.dtype, self.reading, self.shrink
+        return (*self.texture(), self.reading)
 
     def texture(self) -> tuple:
         """Return what decides the texture; measured in this order, it is baked once."""
-        return self.shrink, self.oversampling, self.dtype
+        return self.shrink, self.kind, self.oversampling, self.dtype
 
     def study_options(self, full: Camera) -> str:
         """Options of `hmdjit study` that set what it lets one set."""
@@ -84,7 +95,14 @@ class Setting:
         else:
             blocks = "--whole-frame"
         size = f"--width {camera.width_px} --height {camera.height_px}"
-        return f"{size} {blocks} --oversampling {self.oversampling}"
+        usual, words = Reading(), ""
+        for name in _OPTIONS:
+            if (value := getattr(self.reading, name)) != getattr(usual, name):
+                words += f" --{name.replace('_', '-')} {value}"
+        if not self.is_baked:
+            return f"{size} {blocks}{words}"
+        words += " --baked --no-neck" * (self.kind == "baked")
+        return f"{size} {blocks} --oversampling {self.oversampling}{words}"
 
     def python_fields(self) -> str:
         """Return what only Python can set, as Python; empty if there is nothing."""
@@ -93,6 +111,7 @@ class Setting:
             f'{field.name}="{getattr(self.reading, field.name)}"'
             for field in dataclasses.fields(Reading)
             if getattr(self.reading, field.name) != getattr(usual, field.name)
+            and field.name not in _OPTIONS
         ]
         words = [f"Reading({', '.join(said)})"] if said else []
         if self.dtype != "float32":
@@ -135,69 +154,28 @@ class Case:
     compared: AbstractTechnique
 
 
+def is_solid(study: Study) -> bool:
+    """Whether a study's one scene is seen as it is, and not baked."""
+    return any(isinstance(scene, AbstractSource) for scene in study.scenes.values())
+
+
 def default_setting(study: Study) -> Setting:
     """Return the setting of a study as it is."""
-    return Setting(DEFAULT, DEFAULT, study.measure, study.oversampling)
+    usual = Setting(DEFAULT, DEFAULT, study.measure, study.oversampling)
+    if not is_solid(study):
+        return usual
+    held = {name: getattr(study, name) for name in _OPTIONS}
+    reading = dataclasses.replace(usual.reading, **held)
+    return dataclasses.replace(usual, reading=reading, kind="rays")
 
 
 def reference_setting(study: Study) -> Setting:
-    """Texture 4x, float64, homography, on the study's own blocks."""
-    return Setting(REFERENCE, REFERENCE, study.measure, 4, "float64")
-
-
-def single_knobs(study: Study) -> list[Setting]:
-    """List settings that differ from the study's in one knob each."""
-    base = default_setting(study)
-
-    def turned(name: str, knob: str, **values: object) -> Setting:
-        return dataclasses.replace(base, name=name, knob=knob, **values)
-
-    def read(name: str, knob: str, other: bool = False, **values: str) -> Setting:
-        reading = dataclasses.replace(base.reading, **values)
-        return turned(name, knob, reading=reading, is_other_device=other)
-
-    sampler = "gather" if base.reading.sampler == "slices" else "slices"
-    return [
-        *(
-            turned(f"{n} tile{'s' * (n > 1)} of 64 px", "tiles", measure=Tiles(n, 64))
-            for n in (1, 2, 4)
-        ),
-        *(
-            turned(f"2 tiles of {px} px", "tile size", measure=Tiles(2, px))
-            for px in (32, 128)
-        ),
-        turned("crop of 256 px", "crop", measure=CentralCrop(256)),
-        turned("whole frame", "whole frame", measure=WholeFrame()),
-        turned("half resolution", "resolution", shrink=2),
-        turned("quarter resolution", "resolution", shrink=4),
-        *(turned(f"texture {k}x", "texture", oversampling=k) for k in (1, 2, 4)),
-        read("texture nearest", "texture filter", texture_filter="nearest"),
-        read("texture cubic", "texture filter", texture_filter="catmull_rom"),
-        read("history nearest", "history filter", True, history_filter="nearest"),
-        read("history cubic", "history filter", True, history_filter="catmull_rom"),
-        read("warp affine", "warp", warp="affine"),
-        read("warp shift", "warp", warp="shift"),
-        turned("float64", "dtype", dtype="float64"),
-        turned("bfloat16 texels", "dtype", dtype="bfloat16"),
-        read(sampler, "sampler", sampler=sampler),
-    ]
-
-
-def combinations(study: Study) -> list[Setting]:
-    """List a few combinations that single knobs suggest."""
-    fine = dataclasses.replace(
-        default_setting(study), knob="combination", oversampling=4
-    )
-    affine = dataclasses.replace(fine.reading, warp="affine")
-    return [
-        dataclasses.replace(fine, name="4x, 2 tiles of 32 px", measure=Tiles(2, 32)),
-        dataclasses.replace(fine, name="4x, 4 tiles of 32 px", measure=Tiles(4, 32)),
-        dataclasses.replace(fine, name="4x, affine", reading=affine),
-    ]
-
-
-QUICK = ("1 tile of 64 px", "texture 1x", "texture 4x", "warp shift")
-"""Names of the settings that `--quick` measures besides reference and default."""
+    """Texture 4x, float64, homography, on the study's own blocks; of solids 64 rays."""
+    finest = Setting(REFERENCE, REFERENCE, study.measure, 4, "float64")
+    if not is_solid(study):
+        return finest
+    reading = dataclasses.replace(finest.reading, reference_samples=64)
+    return dataclasses.replace(finest, reading=reading, kind="rays")
 
 
 def cases(
@@ -228,7 +206,8 @@ def cases(
             continue
         if not any(_is_same(setting, other) for other in chosen):
             chosen.append(setting)
-    techniques = _distinct(study.techniques)
+    solid = is_solid(study)
+    techniques = _distinct(study.techniques, solid)
     ids = [technique.id for technique in techniques]
     found = [
         Case(setting, technique, technique)
@@ -237,13 +216,15 @@ def cases(
         # What reads no history does not know how it is read.
         if setting.knob != "history filter"
         or not isinstance(technique, AbstractSpatial)
+        # Edges are not baked.
+        if not (solid and setting.is_baked and technique.shades_once_per_pixel)
     ]
-    for technique in _distinct(also):
+    for technique in _distinct(also, solid):
         if technique.id not in ids:
             for setting in (reference, base):
                 turned = dataclasses.replace(setting, knob="technique")
                 found.append(Case(turned, technique, technique))
-    if is_with_samples:
+    if is_with_samples and not solid:
         by = dataclasses.replace(base, name="4 samples", knob="samples")
         found.append(Case(by, EverySample(2), SSAA(4)))
         # Sixteen lookups by slices take minutes to compile.
@@ -258,6 +239,9 @@ def _is_same(one: Setting, other: Setting) -> bool:
     return (one.fidelity(), one.measure) == (other.fidelity(), other.measure)
 
 
-def _distinct(techniques: Sequence[AbstractTechnique]) -> list[AbstractTechnique]:
-    """Techniques that differ on pictures."""
-    return list({t.on_pictures().id: t.on_pictures() for t in techniques}.values())
+def _distinct(
+    techniques: Sequence[AbstractTechnique], solid: bool
+) -> list[AbstractTechnique]:
+    """Techniques that differ on pictures, or all of them on solids."""
+    found = [t if solid else t.on_pictures() for t in techniques]
+    return list({technique.id: technique for technique in found}.values())
