@@ -33,6 +33,8 @@ from hmdjit.studies.identity import made_by
 FOLDER = Path(__file__).parent
 STUDY = "default_study_ratios.png"
 """Picture of `hmdjit study` as it is."""
+SCENES = "scenes.png"
+"""Picture of `contact_sheet.py`."""
 OF_THE_MODEL = ("fitted_curves", "heads", "sensitivities", "time_to_one_percent")
 OF_THE_MODEL += ("trade_off",)
 """Pages whose numbers another model changes; others tell errors and speed."""
@@ -105,7 +107,9 @@ def old(folder: Path) -> list[str]:
     files = [
         file for name in OF_THE_MODEL for file in folder.glob(f"{name}*.[mp][dn]*")
     ]
-    return sorted(file.name for file in (folder / STUDY, *files) if is_old(file))
+    return sorted(
+        file.name for file in (folder / STUDY, folder / SCENES, *files) if is_old(file)
+    )
 
 
 def main() -> None:
@@ -126,6 +130,8 @@ def main() -> None:
             if code := run(["study", "--out", folder]):
                 sys.exit(code)
             shutil.copy(Path(folder) / "ratios.png", FOLDER / STUDY)
+    if SCENES in found:
+        subprocess.run([sys.executable, str(FOLDER / "contact_sheet.py")], check=True)
     for name in OF_THE_MODEL:
         if any(file.startswith(name) for file in found):
             command = [sys.executable, str(FOLDER / f"{name}.py")]

@@ -17,6 +17,7 @@ import hmdjit as hj
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PICTURES = {
     "axes_of_a_head.py": (),
+    "contact_sheet.py": ("--scenes", "pipe", "coffee", "--side", "96"),
     "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
 }
 SMALL = ("--width", "64", "--height", "64", "--fov", "8")
@@ -115,12 +116,15 @@ def test_old_pages_and_pictures_are_known(pages, tmp_path):
         picture.add_text("Source", made)
         file = tmp_path / f"{name}.png"
         PIL.Image.new("L", (2, 2)).save(file, pnginfo=picture)
-    PIL.Image.new("L", (2, 2)).save(tmp_path / pages.STUDY)  # of times before any stamp
-    assert pages.old(tmp_path) == [pages.STUDY, "trade_off.md", "trade_off.png"]
+    unstamped = [pages.STUDY, pages.SCENES]  # of times before any stamp
+    for name in unstamped:
+        PIL.Image.new("L", (2, 2)).save(tmp_path / name)
+    assert pages.old(tmp_path) == [*unstamped, "trade_off.md", "trade_off.png"]
 
 
-def test_the_readmes_picture_is_of_this_model(pages):
+def test_the_readmes_pictures_are_of_this_model(pages):
     assert not pages.is_old(EXAMPLES / pages.STUDY)
+    assert not pages.is_old(EXAMPLES / pages.SCENES)
 
 
 LONG = {"heads", "fitted_curves"}  # minutes, in their smallest form

@@ -193,12 +193,16 @@ def leaves(size_m: float) -> list[Shape]:
 
 
 def hairs(
-    strands: int, thick_m: float, rng: np.random.Generator, paints: list[Surface]
+    middle: Place,
+    strands: int,
+    thick_m: float,
+    rng: np.random.Generator,
+    paints: list[Surface],
 ) -> Shape:
-    """Curved hairs of three capsules each, from a small core at the origin on."""
+    """Curved hairs of three capsules each, from a small core on."""
     unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     way = unit(rng.standard_normal((strands, 3)))
-    place = 0.12 * way
+    place = np.asarray(middle) + 0.12 * way
     found: Shape = []
     for thick in thick_m / 2 * np.array([1, 0.8, 0.6]):
         way = unit(way + 0.45 * rng.standard_normal((strands, 3)))

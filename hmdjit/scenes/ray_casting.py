@@ -70,7 +70,7 @@ class World(eqx.Module):
     ambient: Numbers
     background: Float[Array, "3"]
     pictures: tuple[StoredPlanes, ...]
-    masks: Bool[Array, "masks height width"] | None
+    masks: Bool[Array, "masks _ _"] | None
     classes: Int[Array, " objects"]
     steps: tuple[Float[Array, "*objects 3"], Float[Array, "*objects 3"]] | None
     kinds: tuple[int, ...] = eqx.field(static=True)

@@ -42,10 +42,10 @@ def fence(
     """
     _checks.in_range("gap_m", gap_m, 0.05, 1)
     _checks.in_range("bar_m", bar_m, 0, gap_m, open_low=True, open_high=True)
-    _check_sizes(100, distance_m=distance_m)
+    _check_sizes(100.0, distance_m=distance_m)
     _checks.in_range("speed_m_s", speed_m_s, 0)
     wires = shapes.moved(props.grid(gap_m, bar_m), (0, FLOOR_M, -distance_m))
-    nearer = Movement((0, 0, speed_m_s))
+    nearer = Movement((0.0, 0.0, speed_m_s))
     return Solids.of([Object(props.meadow()), Object(wires, nearer)], name=name)
 
 
@@ -56,7 +56,7 @@ def hut(*, rate_rad_s: float = 0.8, shadows: bool = True, name: str = "hut") -> 
     or the other way round.
     """
     _checks.in_range("rate_rad_s", rate_rad_s)
-    middle = (0, FLOOR_M, -5.6)
+    middle = (0.0, FLOOR_M, -5.6)
     things = {
         1.0: props.ball((-3.0, 0.9, 1.2), 0.45, props.RED),
         -0.7: shapes.box((2.6, 1.9, 1.9), (0.6, 0.6, 0.6), props.BLUE, (0.4, 0.5, 0.2)),
@@ -64,12 +64,11 @@ def hut(*, rate_rad_s: float = 0.8, shadows: bool = True, name: str = "hut") -> 
         -1.2: props.ball((-1.7, 2.9, 2.6), 0.32, props.BLUE),
         0.8: props.ball((3.2, 0.5, 2.0), 0.5, props.YELLOW),
     }
-    objects = [
-        Object(props.meadow()),
-        Object(shapes.moved(props.house(), middle, (0, -0.55, 0))),
-    ]
+    house = shapes.moved(props.house(), middle, (0, -0.55, 0))
+    objects = [Object(props.meadow()), Object(house)]
     for share, thing in things.items():
-        circling = Movement((0, 0, 0), (0, share * rate_rad_s, 0), middle)
+        turning = (0.0, share * rate_rad_s, 0.0)
+        circling = Movement(rotation_rad_s=turning, pivot_m=middle)
         objects.append(Object(shapes.moved(thing, middle), circling))
     return Solids.of(objects, sun=Sun((-0.5, 0.8, 0.6), has_shadows=shadows), name=name)
 
@@ -210,7 +209,7 @@ def moving_sphere(
     _checks.in_range("speed_m_s", speed_m_s)
     _check_sizes(radius_m=radius_m)
     ball = props.ball((-1, -0.2, -3.2), radius_m, props.RED)
-    objects = [Object(props.court(7)), Object(ball, Movement((speed_m_s, 0, 0)))]
+    objects = [Object(props.court(7)), Object(ball, Movement((speed_m_s, 0.0, 0.0)))]
     return Solids.of(objects, sun=_from_above(shadows), name=name)
 
 
@@ -258,8 +257,8 @@ def _hairs(
     _checks.whole("hairs", hairs, 1)
     _check_sizes(0.1, hair_m=hair_m)
     _checks.whole("seed", seed, 0)
-    ball = props.hairs(hairs, hair_m, np.random.default_rng(seed), paints)
-    return [Object(shapes.moved(ball, (0, 0, -1.9)))]
+    rng, middle = np.random.default_rng(seed), (0.0, 0.0, -1.9)
+    return [Object(props.hairs(middle, hairs, hair_m, rng, paints))]
 
 
 def hairball(

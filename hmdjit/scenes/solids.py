@@ -53,7 +53,7 @@ class Solids(AbstractScene, AbstractSource):
     ambient: Scalar | Float[np.ndarray, ""]
     background: Float[AnyArray, "3"]
     pictures: tuple[StoredPlanes, ...]
-    masks: Bool[AnyArray, "masks height width"] | None
+    masks: Bool[AnyArray, "masks _ _"] | None
     kinds: tuple[int, ...] = eqx.field(static=True)
     has_sun: bool = eqx.field(static=True)
     has_shadows: bool = eqx.field(static=True)
