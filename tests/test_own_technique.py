@@ -25,7 +25,7 @@ class Average(hj.techniques.AbstractTechnique):
     share: float = 0.2
 
     @property
-    def id(self):
+    def id(self) -> str:
         return "average"
 
     def init(self, frame):
@@ -194,7 +194,10 @@ def test_a_technique_that_needs_more_than_a_scene_gives_is_refused():
 
     class Flat(hj.scenes.AbstractFlatScene):
         name: str = eqx.field(static=True, default="flat")
-        gives = frozenset({"color", "supersampled"})
+
+        @property
+        def gives(self):
+            return frozenset({"color", "supersampled"})
 
         def plane_color(self, camera, x, y):
             return jnp.zeros((3, *x.shape), x.dtype)
