@@ -137,7 +137,9 @@ def test_one_compilation_serves_all_numbers_of_head_movement(rng):
 
 
 def test_a_technique_is_handed_colour_and_nothing_else(rng):
-    simulated(Counting(jnp.zeros(FRAMES)), small.texture(rng), path(rng))
+    technique, texture = Counting(jnp.zeros(FRAMES)), small.texture(rng)
+    jax.eval_shape(lambda poses: simulated(technique, texture, poses), path(rng))
+    assert TRACED
     for frame in TRACED:
         # At the door also a small one.
         assert frame.color.shape in ((1, 3, HEIGHT, WIDTH), (1, 3, 31, 33))
