@@ -141,6 +141,12 @@ def test_an_error_counts_by_the_largest_entry_or_by_its_own():
         assert measured(row).error == pytest.approx(error, rel=1e-3)
 
 
+def test_streamed_clips_lie_in_the_range_that_is_taken():
+    row = BY_NAME["metrics.base.Streamed"]
+    for (clip,) in row.inputs(np.random.default_rng(0), np.dtype("float64")):
+        assert np.isfinite(row.function(clip[:3]))
+
+
 def test_a_seed_gives_the_same_rows_and_another_gives_others():
     entry = BY_NAME["quaternion.angle"]
     first, again, other = (measured(entry, seed=seed) for seed in (3, 3, 4))

@@ -28,9 +28,7 @@ LEVELS = (
 )
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    """Vector of length 1."""
-    return vector / np.linalg.norm(vector)
+unit = lambda vector: vector / np.linalg.norm(vector)
 
 
 def turned(start: Any, rotation: np.ndarray) -> np.ndarray:
@@ -45,10 +43,7 @@ def numbers(
     high: Number = 0,
     decades: bool = False,
 ) -> Argument:
-    """Extremes in turn; if there is a range, then as many (at least 4) within it.
-
-    **Arguments:** `decades`: numbers are spread over the range's logarithm.
-    """
+    """Extremes in turn, and as many (at least 4) within a range or over its decades."""
     spare = max(len(extremes), 4) if high else 0
     ends: Any = np.log10((low, high)) if decades else (low, high)
 
@@ -81,9 +76,7 @@ def arrays(size: Argument, *shape: int) -> Argument:
     return Argument(size.over, lambda rng, *n: size.draw(rng, *n) * rng.random(shape))
 
 
-def apart(argument: Argument) -> Argument:
-    """Rows of an array as arguments of their own."""
-    return Argument(argument.over, lambda *at: tuple(argument.draw(*at)))
+apart = lambda array: Argument(array.over, lambda *at: tuple(array.draw(*at)))  # rows
 
 
 def weights(count: int) -> Argument:
@@ -123,10 +116,7 @@ def rotation(least: float = 0.0, most: float = math.pi) -> Argument:
 
 
 def poses(over: str, *turns: Argument, is_anywhere: bool = True) -> Argument:
-    """Return unit quaternions, each turned from the last; q and -q.
-
-    **Arguments:** `is_anywhere`: half of them start anywhere, else at the identity.
-    """
+    """Quaternions, each turned from the last, q and -q; half start at the identity."""
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
         # From the identity small angles have all digits.
@@ -141,10 +131,7 @@ def poses(over: str, *turns: Argument, is_anywhere: bool = True) -> Argument:
 
 
 def pictures(*shape: int, levels: tuple = LEVELS) -> Argument:
-    """Pictures that are unrelated, equal, nearly equal, or black but for the first.
-
-    **Arguments:** `shape`: the first axis goes over pictures.
-    """
+    """Stacks of pictures: unrelated, equal, nearly so, or black but for the first."""
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> np.ndarray:
         # The oracle's step must be small beside a difference.

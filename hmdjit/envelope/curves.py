@@ -13,7 +13,6 @@ from ..head_fitting import whittle
 from ..sample_patterns import radical_inverse
 from . import arguments as of
 from .engine import Argument, Bound, Row, Sized, eps, in_numpy, mp, scaled
-from .exact_geometry import Numbers
 
 _FARTHEST = 46  # documented: coordinates of curves count no farther
 _SMALLEST = mp.mpf(10) ** -30  # what is smaller counts as this large
@@ -25,7 +24,7 @@ def cosine(share: Any, exponent: Any = 2) -> Any:
     return half**exponent if half else half
 
 
-def _spline(share: Any, rises: Numbers) -> Any:
+def _spline(share: Any, rises: np.ndarray) -> Any:
     """Integral of the polygon of slopes up to a share, over all of it."""
     slopes = [2 * rises[0], *rises[1:-1], 2 * rises[-1]]
     sides = np.diff(slopes)
@@ -62,12 +61,12 @@ def _exact_log_values(logits: np.ndarray, log_bounds: np.ndarray) -> Sized:
     return Sized(low + (high - low) * shares, sizes)
 
 
-def _natural(space: CurveSpace, point: Numbers) -> Sized:
+def _natural(space: CurveSpace, point: np.ndarray) -> Sized:
     """Return a curve's numbers, as documented, which count by themselves."""
     left = iter(np.clip(point, -_FARTHEST, _FARTHEST))
     take = lambda count: list(itertools.islice(left, count))
 
-    def simplex(count: int) -> Numbers:
+    def simplex(count: int) -> np.ndarray:
         parts = [mp.exp(x) for x in [*take(count - 1), mp.zero]]
         return np.array(parts) / mp.fsum(parts)
 
@@ -75,11 +74,9 @@ def _natural(space: CurveSpace, point: Numbers) -> Sized:
     w_min = _logistic(w_min)
     numbers = [w_min, w_min * _logistic(below), mp.exp(log_h_max)]
     numbers += [*(1 - np.cumprod([1 - _logistic(x) for x in take(space.samples)]))]
-    if space.samples > 1:
-        weights = np.cumsum(simplex(space.samples))
-        numbers += [*(weights / mp.fsum(weights))]
-    if space.family == "power":
-        numbers.append(mp.mpf(1) / 2 + mp.exp(next(left)))
+    weights = np.cumsum(simplex(space.samples))
+    numbers += [*(weights / mp.fsum(weights))] if space.samples > 1 else []
+    numbers += [mp.mpf(0.5) + mp.exp(*take(1))] if space.family == "power" else []
     numbers += [*simplex(6)] if space.family == "spline" else []
     numbers += [*simplex(4)] if space.localization == "spline" else []
     return Sized(numbers, [max(x, _SMALLEST) for x in numbers])

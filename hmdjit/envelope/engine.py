@@ -17,7 +17,7 @@ import numpy as np
 from mpmath import mp as _context
 
 mp: Any = _context  # its types know too little
-DTYPES = ("float32", "float64")
+DTYPES: tuple[str, ...] = ("float32", "float64")
 Rng = np.random.Generator
 Inputs = tuple[Any, ...]
 Number = float | int
@@ -34,19 +34,18 @@ class Bound(NamedTuple):
     gradient: Number = math.nan
 
 
-def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
-    """Return the same bounds, in eps, for both dtypes."""
-    return dict.fromkeys(DTYPES, Bound(value, gradient))
+# The same bounds for both dtypes.
+eps = lambda value, gradient=math.nan: dict.fromkeys(DTYPES, Bound(value, gradient))
 
 
 class Argument(NamedTuple):
-    """What an argument may be, or several that belong together: in words, and drawn.
+    """What an argument may be, or several that belong together, then in a tuple.
 
-    `draw` gives the n-th of them in float64, several in a tuple, from a generator, the
-    dtype that it will be rounded to, and n. Extremes come at fixed n.
+    The n-th is drawn in float64, for a dtype that it will be rounded to; some n give
+    extremes.
     """
 
-    over: str
+    over: str  # in words
     draw: Callable[[Rng, np.dtype, int], Any]
 
 
@@ -55,11 +54,6 @@ class Sized(NamedTuple):
 
     values: Any
     sizes: Any
-
-
-def own_size(arguments: Inputs, index: int) -> float:
-    """Largest entry of an argument, as a `slope_unit`: by this much it may change."""
-    return float(np.max(np.abs(arguments[index])))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,18 +70,15 @@ class Row:
     bounds: dict[str, Bound]  # by dtype; those it lacks are not measured
     unit: str = "eps"
     name: str = ""  # by default the function's path in the package
-    # Smaller answers count as this large; a number, or of the arguments.
-    floor: float | Callable[..., float] = 0.0
-    # Gradients below the answer over this count as this large, unless it is 0; a
-    # number, or of all arguments and the place of one.
+    floor: float | Callable[..., float] = 0.0  # smaller answers count as this large
+    # Gradients count as at least the answer over this, unless it is 0.
     slope_unit: float | Callable[[Inputs, int], float] = 0.0
     wrt: tuple[int, ...] | None = None  # to differentiate by: None is all floating ones
     kink: Callable[..., Any] = lambda *given: False  # no derivative; ours is finite
     kept: Callable[..., Any] = lambda *given: (
         True
     )  # within ranges that depend on others
-    # Called input by input as they are drawn, not compiled and without a gradient.
-    eager: bool = False
+    eager: bool = False  # called input by input as drawn, without a gradient
     count: int = 50  # of inputs
     quick: int = 24  # of those in the quick form
 
@@ -119,26 +110,24 @@ class Row:
         return [x for x in found if self.kept(*x)]
 
 
+# Of an argument, which may change by its largest entry.
+own_size = lambda arguments, index: float(np.max(np.abs(arguments[index])))
 scaled = partial(Row, slope_unit=own_size)
 in_numpy = partial(Row, eager=True, quick=0)
 
 
 class Measurement(NamedTuple):
-    """The largest errors of a row in one dtype, and the inputs that give them.
-
-    `error` is in `unit`, that of the gradient in eps: NaN where there is none, infinite
-    where one is no number.
-    """
+    """The largest errors of a row in one dtype, infinite where one is no number."""
 
     name: str
     over: str
     dtype: str
     unit: str
-    error: float
+    error: float  # in the unit
     bound: float
     absolute: float
     relative: float
-    gradient: float
+    gradient: float  # in eps; NaN where none is asked for
     gradient_bound: float
     worst: str
     worst_gradient: str
@@ -156,9 +145,8 @@ def measure(
 ) -> Iterator[Measurement]:
     """Measure every row in every dtype that it has a bound for.
 
-    The quick form has the first dtype only, and of each row the few inputs that it
-    states. Inputs depend on seed and name alone. Runs under float64, as a local choice:
-    what is float32 stays so.
+    The quick form has the first dtype only, and the few inputs that a row states, which
+    depend on seed and name alone. Under float64 what is float32 stays so.
     """
     for row in rows:
         dtypes = [*row.bounds]

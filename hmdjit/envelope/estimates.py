@@ -29,11 +29,8 @@ _OVER = (
 
 @partial(Argument, _OVER)
 def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
-    """Sessions `(scene, session)`, derivatives of the first scene, and paths.
-
-    Within 56 every count, spread, size and pairing meets every other.
-    """
-    # Nothing to compare with, either side of the bootstrap, and many.
+    """Sessions `(scene, session)`, derivatives of the first scene, and paths."""
+    # Counts of both sides of the bootstrap; within 56 everything meets all else.
     count = 100_000 if n % 44 == 41 else (1, 2, 49, 50, 51)[n % 5]
     spread = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 3.0)[n % 7]
     size = (0.0, 1e-8, 1e-3, 1.0, 1e6, 0.1, 1 / 3, 441.67)[n % 8]
@@ -44,11 +41,8 @@ def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
     y = max(size, 1.0) * (0.1 + np.exp(spread * (paired * z + (1 - paired) * w)))
     if n % 13 == 7:
         x[:, 1::3], y[0, 2::4] = np.nan, np.nan
-    dx, dy = [
-        (x[0] * sign, y[0] * noise),
-        (3 * x[0], 1e-3 * y[0]),
-        (x[0] + 1e-9 * noise, 1 + 0 * y[0]),
-    ][n // 88 % 3]
+    dx = (x[0] * sign, 3 * x[0], x[0] + 1e-9 * noise)[n // 88 % 3]
+    dy = (y[0] * noise, 1e-3 * y[0], 1 + 0 * y[0])[n // 88 % 3]
     paths, slope = y[0][np.isfinite(y[0])][-1000:], (0.0, 1e-3, 0.9, 1e6)[n // 88]
     return x, y, dx, dy, np.append(paths, paths[0]), slope
 
@@ -60,16 +54,12 @@ Parts = list[tuple[Any, Any]]  # of an exact answer: numbers, and by what they c
 
 
 class Truth(NamedTuple):
-    """An estimate, and what its parts are rounded from; one session has no error.
-
-    `size` is that of the value, or of a mean's part in it; `spread` is the standard
-    error, were nothing paired.
-    """
+    """An estimate, and what its parts are rounded from; one session has no error."""
 
     value: Any
     error: Any
-    size: Any
-    spread: Any
+    size: Any  # of the value, or of a mean's part in it
+    spread: Any  # the standard error, were nothing paired
     sessions: int
     is_rounding: bool = False  # no session moves it by more than that
 
@@ -107,10 +97,7 @@ _is_finite = np.vectorize(mp.isfinite, [bool])
 
 
 def truth(function: Callable, *samples: np.ndarray) -> Truth:
-    """Return a function of the means of samples, by the delta method.
-
-    Session i is the same one in all of them, and is not finite in those that lack it.
-    """
+    """Delta method of a function of means; samples that lack a session have a NaN."""
     known = _is_finite(samples)
     numbers, counts = np.where(known, samples, mp.zero), known.sum(axis=1).tolist()
     means, count = numbers.sum(axis=1) / counts, min(counts)
@@ -177,7 +164,6 @@ def _numbers(found: Any) -> list[float]:
 
 
 def _estimates(x: np.ndarray, y: np.ndarray, nan_policy: Any) -> list[Any]:
-    """Ratio and gain of each scene, and the geometric mean over scenes."""
     mean = partial(estimate.mean_of, nan_policy=nan_policy)
     pairs = [(mean(one), mean(other)) for one, other in zip(x, y, strict=True)]
     ratios = [estimate.ratio(*pair) for pair in pairs]
@@ -186,8 +172,6 @@ def _estimates(x: np.ndarray, y: np.ndarray, nan_policy: Any) -> list[Any]:
 
 
 def _row(function: Callable, rows: Callable, oracle: Callable, **options: Any) -> Row:
-    """Row of a function of some of what was drawn."""
-
     @wraps(function)
     def measured(*drawn: Any) -> list[float]:
         found = function(*rows(*drawn), nan_policy="omit")
@@ -195,8 +179,7 @@ def _row(function: Callable, rows: Callable, oracle: Callable, **options: Any) -
         return [number for one in found for number in _numbers(one)]
 
     exact = lambda *drawn: Sized(*zip(*oracle(*rows(*drawn)), strict=True))
-    options = {"count": 88, **options}
-    return in_numpy(measured, exact, [_sessions], _SUMMED, **options)
+    return in_numpy(measured, exact, [_sessions], _SUMMED, **{"count": 88, **options})
 
 
 _technique = lambda x, *others: (x[0],)

@@ -1,8 +1,4 @@
-"""Exact rotations and cameras in many digits, written as the textbook has them.
-
-Arguments are mpmath numbers and NumPy arrays of them, and so are answers. Nothing here
-is shared with what it is held against, and digits that cancel are fewer than there are.
-"""
+"""Exact rotations and cameras, in mpmath numbers: shared with nothing they judge."""
 
 from typing import Any
 
@@ -56,9 +52,8 @@ def rotation_change(rotation: Numbers) -> Numbers:
     return cross * mp.sinc(angle) + cross.dot(cross) * (mp.sinc(angle / 2) ** 2 / 2)
 
 
-def focal_px(fov: Any, width: int = SIZE_PX[0]) -> Any:
-    """Focal length of a camera; its field of view in degrees."""
-    return width / mp.tan(fov * mp.pi / 360) / 2
+# Focal length of a camera; its field of view in degrees.
+focal_px = lambda fov, width=SIZE_PX[0]: width / mp.tan(fov * mp.pi / 360) / 2
 
 
 def ray(fov: Any, pixel: Numbers, size: tuple[int, int] = SIZE_PX) -> Numbers:

@@ -1,8 +1,7 @@
 """The envelope's rows of rotations, cameras, and where the past is.
 
-Bounds are in eps where an answer keeps its digits. They count roundings: about one per
-operation on the way of a value, twice as many of a gradient, with some room, since
-processors differ in what they fuse.
+Bounds in eps count roundings: about one per operation on the way of a value, twice as
+many of a gradient, with some room, since processors differ in what they fuse.
 """
 
 import math
@@ -67,7 +66,6 @@ _VECTOR = of.vectors(of.logarithmic("vectors of 1e-6 to 1e6", low=1e-6, high=1e6
 
 
 def _row(function: Callable, *given: Any, **options: Any) -> Row:
-    """Row of a function of a camera, as one of a field of view."""
     at = lambda fov, *others: function(Camera(*exact.SIZE_PX, fov, 60.0), *others)
     return scaled(wraps(function)(at), *given, **options)
 
@@ -88,21 +86,17 @@ def _homography(fov: Any, rotation: Any) -> Any:
 
 
 def _px_per_deg(fov: Any, pixel: Any) -> list:
-    """Speed of the picture when the head turns or nods."""
     x, y, _ = exact.ray(fov, pixel)
     scale, both = exact.focal_px(fov) * mp.pi / 180, (x * y) ** 2
     return [scale * mp.sqrt((1 + part**2) ** 2 + both) for part in (x, y)]
 
 
-def _own_or_to_180(arguments: tuple, index: int) -> float:
-    """Return the unit of slopes, which a roll cancels: of wide views f goes to 0."""
-    size = own_size(arguments, index)
-    return size if index else min(size, 180.0 - size)
-
-
 _focal = lambda fov: float(exact.focal_px(float(fov)))
 # By what K and K^-1 multiply entries of R that cancel: f, or (W / 2)^2 / f.
 _factor = lambda fov, turn: _focal(fov) + (exact.SIZE_PX[0] / 2) ** 2 / _focal(fov)
+_to_180 = lambda fov_deg: min(fov_deg, 180.0 - fov_deg)
+# The unit of slopes, which a roll cancels: of wide views f goes to 0.
+_own_or_to_180 = lambda *at: own_size(*at) if at[1] else _to_180(own_size(*at))
 _behind = lambda fov, ray: ray[2] >= 0
 _stacked = lambda *at: jnp.stack(camera.displacement(*at[:2], *at[2])[:2])
 _moved = partial(_row, _stacked, exact.displacement)
@@ -115,9 +109,9 @@ _JUDGED: Any = {"name": _BY_FACTOR, "floor": _factor, "quick": 0}
 _FRONT: Any = {"name": _MOVED, "kept": _is_in_front, "count": 120}
 
 
-def _px(camera: Camera, region: Region, turn: Any, closeness: Any) -> Any:
+def _px(display: Any, region: Any, turn: Any, closeness: Any) -> Any:
     empty = jnp.zeros((1, 3, region.height, region.width), turn.dtype)
-    return jnp.stack(past_position(Frame(empty, camera, region), turn, closeness).px())
+    return jnp.stack(past_position(Frame(empty, display, region), turn, closeness).px())
 
 
 def _exact_past(turn: Any, closeness: Any) -> Any:
@@ -127,7 +121,6 @@ def _exact_past(turn: Any, closeness: Any) -> Any:
 
 
 def _of_poses(dtype: str, bound: float, quick: int = 0) -> Row:
-    """Row of past positions from poses, which are rounded when they are rebased."""
     display = Camera(1024, 1024, 96.0, 60.0)
     px = jax.jit(lambda turn, x0, y0: _px(display, Region(x0, y0, 1, 1), turn, 0.0))
     increment = lambda poses: rebased_motion(poses, dtype).increment[2]

@@ -1,8 +1,7 @@
 """The envelope's rows of head motion.
 
-What is asked of float32 is asked of float64, in its eps: the laws are sums of positive
-terms, so that digits are lost to rounding alone. Exactly, the covariance of an angle is
-a sum of exponentials, and all else follows from it.
+The laws are sums of positive terms, so that digits are lost to rounding alone. Exactly,
+the covariance of an angle is a sum of exponentials, and all else follows from it.
 """
 
 from functools import partial
@@ -74,14 +73,12 @@ def _terms(power: Any, a: Any, b: Any) -> list:
 
 
 def _oscillator(speed: Any, frequency_hz: Any, damping: Any) -> list:
-    """Damped, under or over."""
     w, root = 2 * mp.pi * frequency_hz, mp.sqrt(mp.mpc(damping**2 - 1))
     power = 2 * speed**2 * w * damping
     return _terms(power, w * (damping - root), w * (damping + root))
 
 
 def _sampled_spectrum(terms: list, frequency_hz: Any, rate_hz: Any) -> Any:
-    """One-sided density of the frame-difference velocity."""
     half = mp.sin(mp.pi * frequency_hz / rate_hz) ** 2
     kernel = lambda x: mp.sinh(x) / (mp.sinh(x / 2) ** 2 + half) if half else 0
     return 4 * rate_hz * half * _sum(terms, lambda r: kernel(r / rate_hz))
@@ -94,7 +91,7 @@ def _increment_covariance(terms: list, frames: Any, rate_hz: Any) -> Sized:
 
 
 _sum = lambda terms, function: mp.re(mp.fsum(c * function(r) for c, r in terms))
-_covariance = lambda terms, lag: _sum(terms, lambda r: mp.exp(-r * lag))
+_covariance = lambda terms, lag: _sum(terms, lambda r: mp.exp(-r * abs(lag)))
 _structure = lambda terms, lag: _sum(terms, lambda r: -2 * mp.expm1(-r * abs(lag)))
 _spectrum = lambda terms, w: 4 * w**2 * _sum(terms, lambda r: r / (r**2 + w**2))
 _wandering = lambda v, time, back: _terms(v**2 / time, 1 / time, 1 / back)
@@ -109,7 +106,6 @@ _LAWS = {
 
 
 def _law(name: str, kind: str, at: list, bounds: dict, **options: Any) -> Row:
-    """Row of a law of a head of three numbers, at a lag or frequency."""
     (head, terms, numbers), law = _HEADS[kind], _LAWS[name]
     measured = lambda a, b, c, *at: getattr(head(a, b, c), name)(*at)[0]
     oracle = lambda a, b, c, *at: law(terms(a, b, c), *at)
@@ -145,13 +141,10 @@ def _discretised(drift: Any, power: Any, dt: Any) -> Any:
 
 
 def transition(drift: np.ndarray, power: Any, dt: Any) -> list:
-    """Transition minus identity, and noise's covariance, of two coupled states.
-
-    Noise of a power drives the second: what a stationary law loses, of Lyapunov's
-    equation.
-    """
+    """Transition minus identity, and noise's covariance; it drives the second state."""
     (b, c), (d, e) = drift
     moved = mp.expm(mp.matrix(drift.tolist()) * dt)
+    # What noise adds is what a stationary law, of Lyapunov's equation, loses.
     lyapunov = mp.matrix([[2 * b, 2 * c, 0], [d, b + e, c], [0, 2 * d, 2 * e]])
     x, y, z = mp.lu_solve(lyapunov, mp.matrix([0, 0, -power]))
     law = mp.matrix([[x, y], [y, z]])

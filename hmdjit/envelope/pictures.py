@@ -13,7 +13,6 @@ from ..theory.picture_statistics import DIRECTIONS, PictureStatistics
 from . import arguments as of
 from .curves import cosine
 from .engine import Argument, Bound, Rng, Row, eps, in_numpy, mp, own_size, scaled
-from .exact_geometry import Numbers
 
 mpf = mp.mpf
 
@@ -37,7 +36,7 @@ def _speed(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, Any]:
     return dtype.type(share) * dtype.type(h_max), h_max
 
 
-def _past_color(samples: Numbers, weights: Numbers) -> Numbers:
+def _past_color(samples: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Equation (2), of weights that sum to 1: the last one is what the others leave."""
     return np.array([*weights[:-1], 1 - mp.fsum(weights[:-1])]).dot(samples)
 
@@ -66,7 +65,6 @@ _past_is_seen = lambda now, past, weight: past.any() or not now.any()
 _BLEND: Any = {"name": "blending.blend", "slope_unit": own_size, "kink": _black}
 # What is smaller squares to 0 in float32.
 _dark = partial(Row, floor=1e-17, kink=_equal)
-_share = partial(Row, floor=1.0)
 _LEVEL = of.logarithmic("0, 1e-30 to 1e6", *of.LEVELS, -1e-3, low=1e-12, high=1e6)
 _HDR = [of.apart(of.pictures(2, 3, 1, 1))]
 _SHOWN = [of.apart(of.pictures(2, 3, 1, 1, levels=of.LEVELS[:-3]))]
@@ -74,10 +72,10 @@ _SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", low=1e-8, high=1e6)
 _PAST = [of.arrays(_SAMPLE, 16, 3), of.weights(16)]
 
 
-def _read(kernel: Callable, picture: Numbers, dx: Any, dy: Any) -> Any:
+def _read(kernel: Callable, picture: np.ndarray, dx: Any, dy: Any) -> Any:
     """Sum of texels about (2, 2) by a kernel; those beyond an edge are its."""
 
-    def weights(position: Any, size: int) -> Numbers:
+    def weights(position: Any, size: int) -> np.ndarray:
         base, found = int(mp.floor(position)), np.array([mpf(0)] * size)
         for tap in range(base - 1, base + 3):
             found[min(max(tap, 0), size - 1)] += kernel(position - tap)
@@ -93,9 +91,7 @@ def _keys(t: Any) -> Any:
     return (3 * t**3 - 5 * t**2 + 2 if t < 1 else -(t**3) + 5 * t**2 - 8 * t + 4) / 2
 
 
-def _reader(
-    read: Callable, kernel: Callable, bounds: Any, stored: Any = None, **options: Any
-) -> Row:
+def _reader(read: Any, kernel: Any, bounds: Any, stored="", **options: Any) -> Row:
     two = jnp.full((1, 1), 2, jnp.int32)
 
     def at(picture: Any, dx: Any, dy: Any) -> Any:
@@ -104,9 +100,6 @@ def _reader(
 
     # The position's fraction has eps of 1, of however dark a pixel.
     options = {"floor": 1.0, "slope_unit": 1.0, **options}
-    if stored:
-        options["name"] = f"frames.resampling.bilinear, {stored.__name__} texels"
-        options["wrt"] = 1, 2
     given = partial(_read, kernel), [_TEXELS, _OFFSET, _OFFSET], bounds
     return Row(wraps(read)(at), *given, **options)
 
@@ -121,49 +114,22 @@ def _by_slices(texels: Any, column: Any, row: Any, dx: Any, dy: Any) -> Any:
 _on_a_texel = lambda picture, *place: any(abs(d - np.rint(d)) < 1e-20 for d in place)
 _box, _tent = lambda t: mpf(-0.5 <= t < 0.5), lambda t: max(1 - abs(t), 0)
 _linear = partial(_reader, kernel=_tent, kink=_on_a_texel)
-# Of which all dtypes have every digit.
-_TEXELS = Argument("", lambda rng, *_: rng.integers(0, 256, (4, 5)) / 256)
+_TEXELS = Argument("", lambda rng, *_: rng.integers(0, 256, (4, 5)) / 256)  # exact
 _OFFSETS = (0.0, 1.0, -2.0, 3.0, 1e6, -1e6, 1e-30, -1e-30, 1e-6, -1e-6, 0.5 - 1e-3)
 _OFFSET = of.numbers("0, 1e-30 to 1e6 texels, beyond edges", *_OFFSETS, low=-5, high=6)
-_TWO, _STORED = resampling.bilinear, {"float32": Bound(4, 8)}
-_WHOLE: Any = {"wrt": (0,), "slope_unit": own_size}
-
-PICTURES = [
-    # A power by logarithms loses as many eps as the exponent is large.
-    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
-    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
-    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
-    Row(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
-    _dark(color.distance, _distance, _HDR, eps(6, 8)),
-    _difference("euclidean", _euclidean),
-    _difference("max_channel", _largest),
-    scaled(blending.ease, _ease, [_speed], eps(16, 32), floor=1e-30, count=66),
-    _share(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2)),
-    _share(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2)),
-    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
-    Row(
-        _mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_past_is_seen, **_BLEND
-    ),
-    _reader(resampling.nearest, _box, eps(0, 0), **_WHOLE),
-    _reader(resampling.catmull_rom, _keys, eps(8, 16), wrt=(1, 2), quick=0),
-    _linear(_TWO, bounds=eps(4, 8)),
-    _linear(_by_slices, bounds=eps(4, 8), quick=0),
-    _linear(_TWO, bounds=_STORED, stored=jnp.bfloat16),
-    _linear(_TWO, bounds=_STORED, stored=jnp.float16),
-]
+_TWO, _NAME = resampling.bilinear, "frames.resampling.bilinear"
+_STORED: Any = {"bounds": {"float32": Bound(4, 8)}, "wrt": (1, 2)}
 
 
-def _mtcd(clip: Numbers) -> Any:
+def _mtcd(clip: np.ndarray) -> Any:
     """Equation (6): mean distance of successive pixels, code values."""
     pixels = np.diff(clip, axis=0).reshape(-1, 3)
     return 255 * mp.fsum(map(mp.norm, pixels)) / len(pixels)
 
 
-def _displaced(slope_squared: Numbers, finest_px: Any, displacement: Numbers) -> Any:
+def _displaced(slope_squared: Any, finest_px: Any, displacement: Any) -> Any:
     """RMS difference from the picture displaced: harmonics, between octaves."""
     length, direction = mp.norm(displacement), mp.atan2(*displacement[::-1])
-    if not length:
-        return mpf(0)
     octaves, directions = slope_squared.shape
     turns = [2 * n * direction for n in range(1, directions // 2 + 1)]
     waves = [mpf(1), *(f(x) for x in turns for f in (mp.cos, mp.sin))][:directions]
@@ -193,7 +159,6 @@ def _slopes(rng: Rng, dtype: np.dtype, n: int) -> tuple[np.ndarray, float]:
 
 
 _mse = lambda test, real: mp.fsum((test - real).ravel(), squared=True) / test.size
-_rmsd = lambda *two: mp.sqrt(_mse(*two))
 _decibels = lambda power, error: 10 * mp.log10(power / error if error else mp.inf)
 _psnr = lambda *two: _decibels(mpf(255) ** 2, _mse(*two))
 _snr = lambda test, real: _decibels(_mse(0 * real, real), _mse(test, real))
@@ -203,7 +168,6 @@ _error = partial(Row, kink=np.array_equal, count=72)
 # dB: a logarithm of up to 32 and its factor of 10 are rounded, and their sum.
 _DECIBELS = {"float32": Bound(1e-4, 8), "float64": Bound(2e-13, 8)}
 _LEVELS = (0.0, 1e-8, 1e-3, 0.5, 1.0, 255.0, 1e6)
-_CLIP = [of.pictures(3, 2, 2, 3, levels=_LEVELS)]
 _PAIR = [of.apart(of.pictures(2, 2, 3, levels=_LEVELS))]
 _SCALES = of.numbers("1e4 frames of 1e-8 to 1", 1e-8, 1e-5, 1e-3, 0.1, 0.5, 1.0)
 _STREAMED = "metrics.base.Streamed"
@@ -213,10 +177,31 @@ _PX = of.logarithmic("0, 1e-15 to 1e6 px", *_LENGTHS, low=1e-2, high=100)
 _DISPLACED = "theory.picture_statistics.PictureStatistics.difference"
 _MOVED: Any = {"name": _DISPLACED, "kink": _at_rest}
 
-METRICS = [
-    Row(metrics.mtcd, _mtcd, _CLIP, eps(8, 16)),
+PICTURES = [
+    # A power by logarithms loses as many eps as the exponent is large.
+    Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
+    Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
+    Row(color.luma, _luma, [of.arrays(_LEVEL, 3)], eps(4, 2)),
+    Row(color.squared_distance, _squared, _HDR, eps(8, 4), floor=1e-34),
+    _dark(color.distance, _distance, _HDR, eps(6, 8)),
+    _difference("euclidean", _euclidean),
+    _difference("max_channel", _largest),
+    scaled(blending.ease, _ease, [_speed], eps(16, 32), floor=1e-30, count=66),
+    Row(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2), floor=1.0),
+    Row(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2), floor=1.0),
+    Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
+    Row(
+        _mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_past_is_seen, **_BLEND
+    ),
+    _reader(resampling.nearest, _box, eps(0, 0), wrt=(0,), slope_unit=own_size),
+    _reader(resampling.catmull_rom, _keys, eps(8, 16), wrt=(1, 2), quick=0),
+    _linear(_TWO, bounds=eps(4, 8)),
+    _linear(_by_slices, bounds=eps(4, 8), quick=0),
+    _linear(_TWO, stored="bfloat16", name=f"{_NAME}, bfloat16 texels", **_STORED),
+    _linear(_TWO, stored="float16", name=f"{_NAME}, float16 texels", **_STORED),
+    Row(metrics.mtcd, _mtcd, [of.pictures(3, 2, 2, 3, levels=_LEVELS)], eps(8, 16)),
     Row(metrics.mse, _mse, _PAIR, eps(8, 16), count=72),
-    _error(metrics.rmsd, _rmsd, _PAIR, eps(8, 16)),
+    _error(metrics.rmsd, lambda *two: mp.sqrt(_mse(*two)), _PAIR, eps(8, 16)),
     _error(metrics.psnr, _psnr, _PAIR, _DECIBELS, "dB"),
     _error(metrics.snr, _snr, _PAIR, _DECIBELS, "dB", kink=_no_ratio),
     in_numpy(_streamed, _mtcd, _LONG, _EACH, "relative", _STREAMED, count=6),

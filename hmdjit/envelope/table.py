@@ -7,6 +7,5 @@ ROWS = [
     *pictures.PICTURES,
     *curves.CURVES,
     *heads.HEADS,
-    *pictures.METRICS,
     *estimates.ESTIMATES,
 ]

@@ -1,11 +1,10 @@
 """The envelope as a table for the terminal and as CSV."""
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from .._files import written_atomically
+from .. import _files
 from ..envelope.engine import DIGITS, Measurement
 from . import tables
 
@@ -60,8 +59,6 @@ def explanation(rows: Sequence[Measurement]) -> str:
 
 def write_csv(rows: Sequence[Measurement], path: Path) -> Path:
     """Write all rows, whole or not at all."""
-    with written_atomically(path) as unfinished, open(unfinished, "w", newline="") as f:
-        lines = csv.writer(f)
-        lines.writerow([*Measurement._fields, "holds"])
-        lines.writerows([*row, row.holds] for row in rows)
-    return path
+    return _files.write_csv(
+        path, [row._asdict() | {"holds": row.holds} for row in rows]
+    )
