@@ -34,7 +34,7 @@ from .camera import Camera as Camera
 from .camera import Region as Region
 from .frames.frame import Frame as Frame
 from .frames.motion import Motion as Motion
-from .frames.sources import Texture as Texture
+from .frames.texture import Texture as Texture
 from .head_fitting.fitting import fit_heads as fit_heads
 from .head_motion import HeadMotion as HeadMotion
 from .head_motion import Trace as Trace

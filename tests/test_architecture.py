@@ -66,6 +66,7 @@ FOLDERS = {
         ("motion", "displacement", "resampling"),
         ("neck", "frame", "velocity"),
         ("sources",),
+        ("texture",),
     ],
     "scenes": [
         ("base",),

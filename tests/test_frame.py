@@ -22,7 +22,8 @@ from hmdjit.frames.displacement import (
 )
 from hmdjit.frames.frame import Frame
 from hmdjit.frames.motion import Motion
-from hmdjit.frames.sources import History, Texture
+from hmdjit.frames.sources import History
+from hmdjit.frames.texture import Texture
 
 WIDTH, HEIGHT, FOV_DEG = 10, 8, 90.0
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fov_deg=FOV_DEG)

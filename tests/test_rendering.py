@@ -9,7 +9,7 @@ from small import quickly
 from hmdjit import rendering, scenes
 from hmdjit.camera import Camera, Region
 from hmdjit.frames.motion import Motion
-from hmdjit.frames.sources import Texture
+from hmdjit.frames.texture import Texture
 from hmdjit.scenes.base import AbstractFlatScene
 from hmdjit.simulation.views import Pattern
 from hmdjit.techniques import MSAA, SSAA, NoAntialiasing

@@ -18,7 +18,8 @@ from .._types import Rgb
 from ..camera import Camera, Region
 from ..frames.frame import CHANNELS, MOTION_CLASSES
 from ..frames.motion import Motion
-from ..frames.sources import AbstractSource, Texture
+from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from ..rendering import render
 from ..scenes.baking import bake
 from ..simulation.session import fastest_reading

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from ..simulation.sharding import program
 from .search import Numbers
 from .space import CurveSpace, Point

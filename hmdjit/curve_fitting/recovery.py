@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from .errors import Errors, errors
 from .problem import Problem
 from .search import NoFitError, Numbers, least_squares

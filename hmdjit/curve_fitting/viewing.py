@@ -19,7 +19,7 @@ from .. import quaternion
 from ..camera import Camera
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from ..simulation.session import Result, session
 from ..simulation.sharding import over_devices, placed, program
 from ..studies.runner import regions

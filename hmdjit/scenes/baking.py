@@ -11,7 +11,8 @@ from .. import _checks, color
 from ..camera import Camera
 from ..frames import resampling
 from ..frames.resampling import Texels
-from ..frames.sources import AbstractSource, Texture
+from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from .base import AbstractScene, Colors, check_scene, nameless
 
 _SAMPLES = 4  # per display pixel and axis, in the SSAA(4) reference

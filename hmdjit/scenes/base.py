@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..camera import Camera
-from ..frames.sources import PICTURE
+from ..frames.texture import PICTURE
 
 Directions = Float[Array, "3 *size"]
 Colors = Float[Array, "3 *size"]

@@ -37,7 +37,7 @@ from .._types import RandomKey, Scalar
 from ..camera import Camera
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from ..head_motion import HeadMotion
 from ..metrics import MTCD
 from ..scenes.baking import bake

@@ -26,7 +26,7 @@ from ..estimates.intervals import (
     log_ratio_derivative_interval,
     ratio_interval,
 )
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from ..head_motion import HeadMotion
 from ..scenes.base import AbstractScene
 from ..studies.identity import head_words

@@ -15,7 +15,8 @@ from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.neck import NeckModel
-from ..frames.sources import AbstractSource, Texture
+from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics
 from ..scenes.baking import bake

@@ -33,6 +33,11 @@ class Pattern(NamedTuple):
     samples: tuple
     channels: frozenset[str]
 
+    @property
+    def jitters(self) -> bool:
+        """Whether one sample per pixel goes from place to place, or lies beside."""
+        return len(self.samples[0]) == 1 and bool(np.any(self.samples))
+
     @classmethod
     def of(cls, technique: AbstractTechnique, gives: Collection[str]) -> "Pattern":
         """Return the pattern that a technique asks for; `gives`: what a source has."""
@@ -62,7 +67,7 @@ class Renderer(NamedTuple):
         # Rows of a table of one stay NumPy: a sample at the centre costs nothing.
         rows = np.asarray(pattern.samples)
         row = rows[0] if len(rows) == 1 else jnp.asarray(rows)[k % len(rows)]
-        return rendering.render(
+        frame = rendering.render(
             self.source,
             self.camera,
             part,
@@ -72,6 +77,10 @@ class Renderer(NamedTuple):
             channels=pattern.channels,
             reading=self.reading,
         )
+        if not pattern.jitters:
+            return frame
+        jitter_px = jnp.asarray(row[0], now.offset.dtype)
+        return dataclasses.replace(frame, jitter_px=jitter_px)
 
     def reference(self, part: Region, k: WholeNumber, now: Motion) -> Rgb:
         """Render the picture that frame k is held against."""

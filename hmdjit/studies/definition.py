@@ -8,7 +8,8 @@ from .. import _checks
 from ..camera import Camera
 from ..estimates.summary import GEOMETRIC_MEAN, POOLED
 from ..frames.neck import NeckModel
-from ..frames.sources import AbstractSource, Texture
+from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from ..head_motion import HeadMotion
 from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics

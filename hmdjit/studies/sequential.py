@@ -25,7 +25,8 @@ from ..estimates.planning import (
     interim_level,
     sessions_needed,
 )
-from ..frames.sources import AbstractSource, Texture
+from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from .failures import Failures
 from .progress import Progress
 from .sampler import (

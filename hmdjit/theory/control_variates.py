@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from ..camera import Camera
 from ..frames.motion import Motion
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 from ..simulation.sharding import over_sessions
 from ..techniques.base import AbstractTechnique
 from ..techniques.small_motion import AsRendered, RecursiveBlend, SmallMotion

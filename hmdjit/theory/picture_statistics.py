@@ -17,7 +17,7 @@ from .._types import Numbers, Planes, Scalar
 from ..camera import Camera
 from ..frames import resampling
 from ..frames.resampling import Texels
-from ..frames.sources import Texture
+from ..frames.texture import Texture
 
 DIRECTIONS = 8
 """Tabled directions, over half a circle: a picture differs as much there and back."""
