@@ -190,7 +190,7 @@ def test_a_goal_takes_more_of_solids_than_of_pictures():
     assert noise["estimator"] == "control variate"
     assert solids["estimator"] == "simulation"
     assert "without a control variate" in solids["why"]
-    for row in summarize(found).rows:
+    for row in summarize(found):
         if row.scene == "solids":
             assert row.high - row.low <= 2 * 0.1 * row.mean
 
