@@ -132,6 +132,19 @@ def test_a_tolerance_asks_no_clock(untyped, monkeypatch):
     assert interim_level(1) * mean.standard_error <= 0.01 * mean.value
 
 
+def test_without_a_control_variate_the_plan_says_so(untyped):
+    sampler = FakeSampler(PAIR, Numbered(), None, None, _simulated, lambda event: None)
+    goal = until.Goal(tolerance=0.05)
+    scene = until.Until(goal, sampler, 0, 2, Failures(False, 6.0, None)).scene
+    solids: Any = object()
+    cell, plan = scene("solids", solids, 0.0, 0.0)
+    assert plan.estimator == "simulation"
+    assert "paired, without a control variate" in str(plan)
+    assert cell.paths.shape[1] == 0
+    mean = cell.estimate(0, "omit")
+    assert interim_level(1) * mean.standard_error <= 0.05 * mean.value
+
+
 def test_what_a_budget_allowed_is_repeated(untyped, monkeypatch):
     monkeypatch.setattr(until, "MOST_SESSIONS", 100)  # it asks for no more than it has
     ticks = itertools.count()

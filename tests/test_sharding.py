@@ -1,5 +1,6 @@
 """How many devices share the sessions changes no bit of what is measured."""
 
+import os
 import subprocess
 import sys
 
@@ -10,14 +11,17 @@ import pytest
 
 from hmdjit.simulation import sharding as devices
 
+TESTS = os.path.dirname(__file__)
 PROGRAM = """
 import sys
 import jax
 jax.config.update("jax_num_cpu_devices", int(sys.argv[1]))
+sys.path.append(sys.argv[3])
+import small
 import hmdjit as hj
 from hmdjit.studies.measured_blocks import Tiles
 study = hj.Study(
-    scenes={"noise": hj.scenes.power_law_noise()},
+    scenes={"noise": hj.scenes.power_law_noise(), "solids": small.solids()},
     techniques=(hj.techniques.NoAntialiasing(), hj.techniques.HeadMovement()),
     head=hj.HeadMotion.fixating(),
     camera=hj.Camera(64, 64, 8.0, 60.0),
@@ -35,7 +39,7 @@ print(data["mtcd"].values.tobytes().hex(), data["detail_loss"].values.tobytes().
 @pytest.mark.slow
 def test_devices_and_batches_change_no_bit():
     def run(count, batch):
-        command = [sys.executable, "-c", PROGRAM, str(count), str(batch)]
+        command = [sys.executable, "-c", PROGRAM, str(count), str(batch), TESTS]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         return done.stdout
 

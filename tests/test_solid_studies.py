@@ -1,6 +1,7 @@
 """Sessions and studies of solids, alone and beside pictures."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import small
 
 import hmdjit as hj
+from hmdjit.estimates.summary import summarize
 from hmdjit.frames.neck import NeckModel
 from hmdjit.frames.sources import History
 from hmdjit.scenes.shapes import Movement
@@ -179,6 +181,18 @@ def test_all_that_is_in_a_scene_counts():
 def test_wrong_numbers_are_refused(change, message, untyped):
     with pytest.raises(ValueError, match=message):
         study(**change)
+
+
+@pytest.mark.slow
+def test_a_goal_takes_more_of_solids_than_of_pictures():
+    found = study(techniques=(NoAntialiasing(),)).run(3, tolerance=0.1)
+    noise, solids = json.loads(found.attrs["plan"])
+    assert noise["estimator"] == "control variate"
+    assert solids["estimator"] == "simulation"
+    assert "without a control variate" in solids["why"]
+    for row in summarize(found):
+        if row.scene == "solids":
+            assert row.high - row.low <= 2 * 0.1 * row.mean
 
 
 # --- halos of what follows things that move ---

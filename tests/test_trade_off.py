@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import PIL.Image
 import pytest
+import small
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -236,6 +237,43 @@ def test_settings_say_how_a_study_realises_them():
     assert "--crop 256" in crop.study_options(camera)
     assert crop.python_fields() == 'Reading(warp="shift")'
     assert [s.samples_frame() for s in (usual, half, crop)] == [True, False, False]
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_solids_have_knobs_of_their_own(moves):
+    still = {} if moves else {"movement": None}
+    study = tiny_study(
+        scenes={"solids": small.solids(**still)},
+        techniques=[hj.techniques.MSAA(), hj.techniques.NoAntialiasing()],
+        reference_every=2,
+    )
+    cases, _ = settings.cases(study, knobs.single_knobs(study), is_with_samples=True)
+    by_name = {case.setting.name: case.setting for case in cases}
+    assert by_name["reference"].reading.reference_samples == 64
+    camera, half = study.display, "--width 64 --height 64 --tiles 1 --tile-size 32"
+    options = by_name["reference of 4 rays"].study_options(camera)
+    assert options == f"{half} --reference-samples 4 --reference-every 2"
+    assert by_name["reference every 3"].python_fields() == ""
+    # MSAA is no technique of pictures, and is not baked.
+    of = lambda name: [c.technique.id for c in cases if c.setting.name == name]
+    assert of("reference") == ["msaa4", "none"]
+    assert of("baked, texture 2x") == ([] if moves else ["none"])
+    if not moves:
+        assert "--baked --no-neck" in by_name["baked, texture 2x"].study_options(camera)
+
+
+@pytest.mark.slow
+def test_baking_and_a_rough_reference_are_measured_beside_rays():
+    study = tiny_study(scenes={"solids": small.solids(movement=None)})
+    names = ("reference of 4 rays", "reference every 1", "baked, texture 4x")
+    chosen = [one for one in knobs.single_knobs(study) if one.name in names]
+    cases, _ = settings.cases(study, chosen)
+    rows = {r.setting: r for r in measurement.measure(study, cases, sessions=4)}
+    assert rows["reference of 4 rays"].bias == rows["default"].bias
+    assert rows["reference of 4 rays"].detail_loss_bias > 0  # its own noise
+    baked, usual = rows["baked, texture 4x"], rows["default"]
+    assert abs(baked.bias) < 0.3 * baked.reference_mtcd  # no neck, and texels
+    assert abs(usual.bias) < 1e-3 * usual.reference_mtcd
 
 
 def test_cases_begin_with_the_reference_and_leave_out_what_does_not_fit():

@@ -182,7 +182,9 @@ def _baked(options: Options, chosen: dict[str, StudyScene]) -> dict[str, StudySc
     if not options.no_neck:
         raise ValueError("baked must go with --no-neck: what is baked has no depth.")
     return {
-        name: scenes.Baked(scene, name) if isinstance(scene, Solids) else scene
+        name: scenes.Baked(solids=scene, name=name)
+        if isinstance(scene, Solids)
+        else scene
         for name, scene in chosen.items()
     }
 

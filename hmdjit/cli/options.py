@@ -183,7 +183,7 @@ class _StudyOptions:
     ] = None
     reference_every: Annotated[
         int | None,
-        shown("N", "Take it on the first of N measured frames of solids (default: 1)."),
+        shown("N", "Take it on the first of N measured frames of solids (default: 3)."),
     ] = None
     baked: Annotated[
         bool,

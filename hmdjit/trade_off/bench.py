@@ -103,11 +103,11 @@ class Bench:
         start = time.perf_counter()
         scene = self.scene
         if setting.is_baked and isinstance(scene, Solids):
-            scene = Baked(scene)
+            scene = Baked(solids=scene)
         with _precision(setting):
             if isinstance(scene, AbstractSource):
-                placed_there = jax.block_until_ready(placed(scene))
-                return placed_there, time.perf_counter() - start
+                there = jax.block_until_ready(placed(scene))
+                return there, time.perf_counter() - start
             texture = bake(
                 scene,
                 setting.camera(self.study.display),
@@ -119,6 +119,12 @@ class Bench:
             jax.block_until_ready(texture)
             seconds = time.perf_counter() - start
             return jax.block_until_ready(placed(texture)), seconds
+
+    def _solids(self, setting: Setting) -> AbstractSource | None:
+        """Return the scene where it is seen as it is."""
+        if setting.is_baked or not isinstance(self.scene, AbstractSource):
+            return None
+        return self.scene
 
     def program(self, case: Case) -> Program:
         """Prepare a case: its halo is wide enough for all sessions."""
@@ -133,7 +139,7 @@ class Bench:
             1,
             drawn,
             setting.reading,
-            moving=None if setting.is_baked else self.scene,
+            moving=self._solids(setting),
         )
         count = self._count(setting)
         runner.batch_size = count

@@ -65,7 +65,7 @@ def _of_solids(study: Study, read: Callable, turned: Callable) -> list[Setting]:
         ),
         *(
             read(f"reference every {m}", "reference frames", reference_every=m)
-            for m in (3, study.frames)
+            for m in (1, 3, study.frames)
         ),
         turned("float64", "dtype", dtype="float64"),
     ]
@@ -94,6 +94,6 @@ def combinations(study: Study) -> list[Setting]:
 
 QUICK = (
     *("1 tile of 64 px", "texture 1x", "texture 4x", "warp shift"),
-    *("reference of 4 rays", "reference every 3", "baked, texture 2x"),
+    *("reference of 4 rays", "reference every 1", "baked, texture 2x"),
 )
 """Names of the settings that `--quick` measures besides reference and default."""
