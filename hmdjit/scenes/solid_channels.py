@@ -150,11 +150,11 @@ def at_rays(
     every: bool = False,
 ) -> dict[str, Shaped[Array, "planes height width"]]:
     """Channels at one ray of each pixel, all but velocity."""
-    _, surface = ray_casting.nearest(world, rays, chosen)
+    depth, surface = ray_casting.nearest(world, rays, chosen)
     painting = {"light", "albedo", "depth", "object_id"} & set(wanted)
     if "motion_class" in wanted:
         painting |= {"object_id"}
-    found = _painted(world, rays, surface[None], chosen, painting, every)
+    found = _painted(world, rays, surface[None], chosen, painting, every, depth[None])
     found = {name: planes[0] for name, planes in found.items()}
     if "motion_class" in wanted:
         found["motion_class"] = world.classes[found["object_id"]]
@@ -170,13 +170,16 @@ def _painted(
     chosen: list[Chosen],
     channels: Collection[str],
     every: bool,
+    depth: Float[Array, "slots height width"] | None = None,
 ) -> Painted:
+    """Paint what is seen; `depth`: of it, None where that is on surfaces' skins."""
     if not channels:
         return {}
     lit = None
     if "light" in channels and world.has_shadows:
-        where = ray_casting.painted(world, rays, surface, chosen, {"depth"})
-        depth = where["depth"][:, 0]
+        if depth is None:
+            where = ray_casting.painted(world, rays, surface, chosen, {"depth"})
+            depth = where["depth"][:, 0]
         lit = ray_casting.lit(world, rays, surface, depth, every=every)
     return ray_casting.painted(world, rays, surface, chosen, channels, lit)
 

@@ -15,13 +15,16 @@ from ..frames.sources import AbstractSource
 _FASTER: dict[str, bool | int | str] = {
     "xla_cpu_prefer_vector_width": 512,
     "xla_cpu_copy_insertion_use_region_analysis": True,
+}
+_FASTER_ON_PICTURES: dict[str, bool | int | str] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": 2,
 }
+"""Rays, cast without those emitters, take three times as long."""
 
 
 @functools.cache
-def compiler_options() -> dict[str, bool | int | str]:
+def compiler_options(casts_rays: bool = False) -> dict[str, bool | int | str]:
     """Return what makes sessions on a CPU a tenth faster and sooner compiled.
 
     Measured with JAX 0.10; what another version does not know is left out. JAX takes
@@ -30,7 +33,8 @@ def compiler_options() -> dict[str, bool | int | str]:
     if jax.default_backend() != "cpu":
         return {}
     known = {}
-    for name, value in _FASTER.items():
+    wanted = _FASTER if casts_rays else _FASTER | _FASTER_ON_PICTURES
+    for name, value in wanted.items():
         with contextlib.suppress(jax.errors.JaxRuntimeError):
             jax.jit(lambda: 0, compiler_options={name: value})()
             known[name] = value
@@ -82,9 +86,10 @@ class Program:
     They are asked for when it is first called: they depend on the platform.
     """
 
-    def __init__(self, function: Callable, *static: str):
+    def __init__(self, function: Callable, *static: str, casts_rays: bool = False):
         functools.update_wrapper(self, function)
         self._function, self._static = function, static
+        self._casts_rays = casts_rays
 
     @functools.cached_property
     def jitted(self) -> Any:
@@ -92,7 +97,7 @@ class Program:
         return jax.jit(
             self._function,
             static_argnames=self._static,
-            compiler_options=compiler_options(),
+            compiler_options=compiler_options(self._casts_rays),
         )
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -105,7 +110,6 @@ def program(*static: str) -> Callable[[Callable], Program]:
     return lambda function: Program(function, *static)
 
 
-@program("one", "static", "mesh")
 def _over_sessions(
     shared: Any,
     items: Any,
@@ -117,8 +121,20 @@ def _over_sessions(
     return over_devices(functools.partial(one, **dict(static)), shared, items, mesh)
 
 
+_STATIC = ("one", "static", "mesh")
+_PROGRAMS = {
+    casts_rays: Program(_over_sessions, *_STATIC, casts_rays=casts_rays)
+    for casts_rays in (False, True)
+}
+
+
 def over_sessions(
-    one: Callable[..., Any], shared: Any, items: Any, **static: Any
+    one: Callable[..., Any],
+    shared: Any,
+    items: Any,
+    *,
+    casts_rays: bool = False,
+    **static: Any,
 ) -> Any:
     """Apply a function to each session, on all devices, in one compiled program.
 
@@ -127,7 +143,9 @@ def over_sessions(
     - `one`: takes what all sessions share, one session's item, and `static` by name;
       a function of a module, for a new one is compiled anew.
     - `shared`, `items`: any trees; the arrays of `items` have a leading axis.
+    - `casts_rays`: whether that is most of the work.
     - `static`: hashable.
     """
     pairs = tuple(sorted(static.items()))
-    return _over_sessions(shared, items, one=one, static=pairs, mesh=mesh())
+    run = _PROGRAMS[casts_rays]
+    return run(shared, items, one=one, static=pairs, mesh=mesh())

@@ -13,6 +13,7 @@ from ..camera import Camera, Region
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource
+from ..frames.texture import Texture
 from ..metrics import STANDARD, AbstractMetric
 from ..simulation.halo import needed_halo_px
 from ..simulation.session import Result, fastest_reading, session
@@ -128,6 +129,7 @@ class Runner:
             one_session,
             _Shared(source, self.camera, tuple(techniques), self.metrics),
             (filled.motion, filled.origins),
+            casts_rays=not isinstance(source, Texture),
             block=self.block,
             halo=halo,
             warmup=self.warmup,
