@@ -11,6 +11,7 @@ import numpy as np
 import oracles
 import pytest
 import scipy.optimize
+import small
 import viewing as views
 
 import hmdjit as hj
@@ -512,6 +513,7 @@ def test_a_fit_is_on_the_front_and_resumes(study, tmp_path):
     [
         ({"sessions": 8}, "sessions must be at least 16"),
         ({"measure": Tiles(2, 16)}, "one tile per session"),
+        ({"scenes": {"plates": small.solids()}}, "must be pictures .* got plates"),
         pytest.param(
             {"scenes": {"grey": hj.scenes.checkerboard(dark=0.5, light=0.5)}},
             "there is no flicker to remove",

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import oracles
 import pytest
+import small
 import viewing
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
@@ -356,6 +357,7 @@ def test_tables_name_every_parameter(many, tmp_path):
         ({"batch_size": 0}, "batch_size must be a whole number >= 1, got 0"),
         ({"seed": 2**32}, "seed must lie in"),
         ({"scenes": {}}, "scenes must name at least one scene, got none"),
+        ({"scenes": {"plates": small.solids()}}, "'plates' must be a picture, got sol"),
         ({"measure": Tiles(1, 4)}, "tiles size_px must divide the camera frame 8 x 6"),
         ({"camera": hj.Camera(16, 6, 0.6)}, "scene must be a texture baked for this"),
         ({"head": "me.csv"}, "head must be a HeadMotion, got str: recorded paths"),

@@ -217,6 +217,5 @@ def test_parameters_change_what_is_there():
     assert len(scenes.pipe((0.0, 10.0, 20.0)).classes) == 5
     assert count(scenes.blinds(slats=10)) == count(scenes.blinds()) - 30 * 6
     assert scenes.hairball(hairs=2).tables[0].object.size == 6
-    assert not np.array_equal(
-        *(scenes.hairball(hairs=2, seed=s).tables[0].rows.centre for s in (0, 1))
-    )
+    one, other = (scenes.hairball(hairs=2, seed=s).tables[0].rows for s in (0, 1))
+    assert not np.array_equal(one.centre, other.centre)

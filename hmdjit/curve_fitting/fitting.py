@@ -24,6 +24,7 @@ from ..estimates.estimate import MIN_BASELINE_MTCD
 from ..head_motion import HeadMotion
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
+from ..scenes.solids import Solids
 from ..simulation.session import fastest_reading
 from ..simulation.sharding import mesh
 from ..studies.identity import MODEL_VERSION
@@ -144,6 +145,15 @@ class _Measuring:
             raise NoFitError("head must be a model, not recordings.")
         if not isinstance(study.measure, Tiles) or study.measure.count != 1:
             raise NoFitError("measure must be one tile per session to fit a curve.")
+        pictures = {
+            name: scene
+            for name, scene in study.scenes.items()
+            if isinstance(scene, AbstractScene) and not isinstance(scene, Solids)
+        }
+        if others := [name for name in study.scenes if name not in pictures]:
+            raise NoFitError(
+                f"scenes must be pictures to fit a curve, got {', '.join(others)}."
+            )
         self._study, self._space, self._lag_weight = study, space, lag_weight
         self._tell = tell
         length = study.warmup + study.frames
@@ -153,7 +163,7 @@ class _Measuring:
         batch = sessions.batch(0, study.sessions)
         self._held_out = sessions.batch(HELD_OUT_START, HELD_OUT_SESSIONS)
         self._viewing = self._viewed(batch)
-        self.look_at(study.scenes)
+        self.look_at(pictures)
         none, kim = self._measured((_PLAIN[0], _PLAIN[-1]), batch)
         means = none.mean(axis=-1)
         for name, (mtcd, _) in zip(study.scenes, means, strict=True):

@@ -37,6 +37,7 @@ from .._types import RandomKey, Scalar
 from ..camera import Camera
 from ..frames.displacement import Reading
 from ..frames.motion import Motion
+from ..frames.sources import AbstractSource
 from ..frames.texture import Texture
 from ..head_motion import HeadMotion
 from ..metrics import MTCD
@@ -114,9 +115,11 @@ def differentiate(
         )
     if not scenes:
         raise ValueError("scenes must name at least one scene, got none.")
-    for scene in scenes.values():
+    for name, scene in scenes.items():
         if isinstance(scene, Texture):
             check_texture(scene, camera)
+        elif isinstance(scene, AbstractSource):
+            raise ValueError(f"scene {name!r} must be a picture, got solids.")
     measure = Tiles.fitting(camera, 1) if measure is None else measure
     block = measure.block_size(camera)
 
