@@ -88,6 +88,11 @@ class Quads(eqx.Module):
         """Centre and radius of a sphere around each."""
         return self.centre, jnp.sqrt(jnp.sum(self.half_m**2, axis=-1))
 
+    def reach(self, direction: Number) -> Float[AnyArray, "*rows"]:
+        """How far each extends from its centre along a unit vector, `(3,)`."""
+        right, up = jnp.abs(self.right @ direction), jnp.abs(self.up @ direction)
+        return right * self.half_m[..., 0] + up * self.half_m[..., 1]
+
     def is_seen(self) -> Bool[AnyArray, "*rows"]:
         """Whether the origin is on a side from which it is seen."""
         normal = jnp.cross(self.right, self.up)
@@ -136,6 +141,10 @@ class Spheres(eqx.Module):
         """Centre and radius of a sphere around each."""
         return self.centre, self.radius_m
 
+    def reach(self, direction: Number) -> Float[AnyArray, "*rows"]:
+        """How far each extends from its centre along a unit vector, `(3,)`."""
+        return self.radius_m
+
     def is_seen(self) -> Bool[AnyArray, "*rows"]:
         """All are."""
         return jnp.ones(self.radius_m.shape, bool)
@@ -182,6 +191,10 @@ class Capsules(eqx.Module):
     def bounds(self) -> tuple[Vectors, Float[AnyArray, "*rows"]]:
         """Centre and radius of a sphere around each."""
         return self.centre, self.half_m + self.radius_m
+
+    def reach(self, direction: Number) -> Float[AnyArray, "*rows"]:
+        """How far each extends from its centre along a unit vector, `(3,)`."""
+        return jnp.abs(self.up @ direction) * self.half_m + self.radius_m
 
     def is_seen(self) -> Bool[AnyArray, "*rows"]:
         """All are."""

@@ -4,6 +4,7 @@ Of a block of rays only the primitives that it can meet are looked at, found ane
 each block and frame from spheres around them.
 """
 
+import functools
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
@@ -87,38 +88,42 @@ class World(eqx.Module):
         low_x, high_x = jnp.min(rays.x) - room, jnp.max(rays.x) + room
         low_y, high_y = jnp.min(rays.y) - room, jnp.max(rays.y) + room
 
+        # Outwards from each side of the pyramid of rays, and from before the eye.
+        sides = [(-1, 0, -low_x), (1, 0, high_x), (0, -1, -low_y), (0, 1, high_y)]
+        outwards = [jnp.stack([jnp.asarray(v, low_x.dtype) for v in n]) for n in sides]
+        outwards = [n * jax.lax.rsqrt(jnp.sum(n * n)) for n in outwards]
+        ahead = jnp.array([0, 0, 1], low_x.dtype)
+
         def chosen(table: Table) -> Chosen:
-            centre, radius = table.rows.bounds()
-            x, y, z = centre.T
-            # Distance outside of each side of the pyramid of rays, and behind the eye.
-            sides = [
-                (low_x * -z - x) * jax.lax.rsqrt(1 + low_x**2),
-                (x - high_x * -z) * jax.lax.rsqrt(1 + high_x**2),
-                (low_y * -z - y) * jax.lax.rsqrt(1 + low_y**2),
-                (y - high_y * -z) * jax.lax.rsqrt(1 + high_y**2),
-                z + NEAR_M,
-            ]
-            is_near = jnp.all(jnp.stack(sides) <= radius[None], axis=0)
-            return _picked(is_near & table.rows.is_seen())
+            centre, reach = table.rows.centre, table.rows.reach
+            beyond = [centre @ n > reach(n) for n in outwards]
+            beyond.append(centre @ ahead + NEAR_M > reach(ahead))
+            is_near = ~functools.reduce(jnp.logical_or, beyond)
+            return _picked(is_near & jnp.asarray(table.rows.is_seen()))
 
         return [chosen(table) for table in self.tables]
 
     def casting(self, points: Vector, is_there: Bool[Array, "..."]) -> list[Chosen]:
         """Choose what can lie between points and the sun."""
-        low, high = (
-            jnp.stack([f(jnp.where(is_there, p, -s * jnp.inf)) for p in points])
-            for f, s in ((jnp.min, -1.0), (jnp.max, 1.0))
-        )
-        middle = jnp.where(is_there.any(), (low + high) / 2, 0.0)
-        reach = jnp.sqrt(jnp.sum(jnp.where(is_there.any(), high - middle, 0.0) ** 2))
+        # In axes of the sun: a shadow falls along the last.
+        is_right = jnp.abs(self.to_sun[0]) > 0.9
+        other = jnp.where(is_right, jnp.eye(3)[1], jnp.eye(3)[0])
+        across = jnp.cross(self.to_sun, other.astype(self.to_sun.dtype))
+        across = across * jax.lax.rsqrt(jnp.sum(across * across))
+        axes = across, jnp.cross(self.to_sun, across), self.to_sun
+
+        def ends(axis: Array) -> tuple[Array, Array]:
+            place = dot((axis[0], axis[1], axis[2]), points)
+            low = jnp.min(jnp.where(is_there, place, jnp.inf))
+            return low, jnp.max(jnp.where(is_there, place, -jnp.inf))
+
+        spans = [(axis, *ends(axis)) for axis in axes]
 
         def chosen(table: Table) -> Chosen:
-            centre, radius = table.rows.bounds()
-            away = centre - middle[None]
-            ahead = jnp.sum(away * self.to_sun[None], axis=1)
-            across = away - ahead[:, None] * self.to_sun[None]
-            near = jnp.sum(across**2, axis=1) <= (radius + reach) ** 2
-            return _picked(is_there.any() & near & (ahead >= -radius - reach))
+            centre, reach = table.rows.centre, table.rows.reach
+            beyond = [centre @ axis + reach(axis) < low for axis, low, _ in spans]
+            beyond += [centre @ axis - reach(axis) > end for axis, _, end in spans[:2]]
+            return _picked(is_there.any() & ~functools.reduce(jnp.logical_or, beyond))
 
         return [chosen(table) for table in self.tables]
 
