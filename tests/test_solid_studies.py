@@ -16,6 +16,7 @@ from hmdjit.frames.neck import NeckModel
 from hmdjit.frames.sources import History
 from hmdjit.scenes.shapes import Movement
 from hmdjit.simulation.session import fastest_reading
+from hmdjit.studies import identity
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.studies.store import fingerprint
 from hmdjit.techniques import MSAA, NoAntialiasing
@@ -163,6 +164,8 @@ def test_pictures_and_solids_in_one_study(data):
     )
     assert (solid.sel(technique="msaa4") != solid.sel(technique="none")).any()
     assert np.isfinite(data["mtcd"].values).all()
+    said = "Solids (solids): neck 0.075 m up, 0.0805 m forward; detail loss to 16 rays"
+    assert said in identity.footer(data)
 
 
 def test_a_picture_gives_the_same_beside_solids(data):

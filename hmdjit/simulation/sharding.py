@@ -51,7 +51,14 @@ Source = TypeVar("Source", bound=AbstractSource)
 
 def placed(source: Source) -> Source:
     """Copy a source to every device, or each dispatch copies it anew."""
-    return jax.device_put(source, NamedSharding(mesh(), Spec()))
+
+    def single(leaf: Any) -> Any:
+        # With float64 in another thread, JAX would place NumPy's as it is.
+        if not isinstance(leaf, np.ndarray):
+            return leaf
+        return leaf.astype(jax.dtypes.canonicalize_dtype(leaf.dtype))
+
+    return jax.device_put(jax.tree.map(single, source), NamedSharding(mesh(), Spec()))
 
 
 def over_devices(

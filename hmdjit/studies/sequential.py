@@ -12,6 +12,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
@@ -116,9 +117,8 @@ class Until:
         """
         sampler, statistics = self._sampler, None
         if sampler.controls is not None:  # there are such of pictures only
-            assert isinstance(source, Texture)
             sampler.tell(Progress(doing=f"{name}: statistics"))
-            statistics = sampler.controls.statistics(source)
+            statistics = sampler.controls.statistics(cast(Texture, source))
         measure = SceneSampler(sampler, name, source, statistics)
         plan, slope, share = self._plan(name, measure)
         if self._goal.tolerance is not None and plan.sessions > MOST_SESSIONS:

@@ -39,7 +39,8 @@ class Study(StudyDefinition):
       None turns it about the eye. Pictures have no depth, and know no positions.
     - `reference_samples`, `reference_every`: of solids, rays per pixel in the picture
       that detail loss is measured against, and of how many measured frames the first
-      one is held against it.
+      one is held against it. Its own noise adds to the loss: with 16 rays 5 % of one of
+      10 code values squared (4 rays: 50 %); every third frame is as sure as all ten.
     """
 
     def run(
