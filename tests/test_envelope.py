@@ -228,6 +228,7 @@ NUMERICAL = [
 # float32 against float64 where there is no exact answer.
 NO_ROW = {
     "camera.displacing": "the parts of displacement",
+    "camera.moved_px": "in displacement",
     "camera_bounds.displacement_bound": "the largest of displacement_range",
     "camera_bounds.displacement_range": "test_extremes",
     "blending.usable": "whole: true or false",

@@ -28,7 +28,9 @@ LEVELS = (
 )
 
 
-unit = lambda vector: vector / np.linalg.norm(vector)
+def unit(vector: np.ndarray) -> np.ndarray:
+    """Direction of a vector: the same, of length 1."""
+    return vector / np.linalg.norm(vector)
 
 
 def turned(start: Any, rotation: np.ndarray) -> np.ndarray:
@@ -37,15 +39,11 @@ def turned(start: Any, rotation: np.ndarray) -> np.ndarray:
 
 
 def numbers(
-    over: str,
-    *extremes: Number,
-    low: Number = 0,
-    high: Number = 0,
-    decades: bool = False,
+    over: str, *extremes: Number, within: tuple = (), decades: bool = False
 ) -> Argument:
     """Extremes in turn, and as many (at least 4) within a range or over its decades."""
-    spare = max(len(extremes), 4) if high else 0
-    ends: Any = np.log10((low, high)) if decades else (low, high)
+    spare = max(len(extremes), 4) if within else 0
+    ends: Any = np.log10(within) if decades else within
 
     def draw(rng: Rng, dtype: np.dtype, n: int) -> Number:
         place = n % (len(extremes) + spare)
@@ -76,7 +74,9 @@ def arrays(size: Argument, *shape: int) -> Argument:
     return Argument(size.over, lambda rng, *n: size.draw(rng, *n) * rng.random(shape))
 
 
-apart = lambda array: Argument(array.over, lambda *at: tuple(array.draw(*at)))  # rows
+def apart(array: Argument) -> Argument:
+    """Of an array, its rows as arguments of their own."""
+    return Argument(array.over, lambda *at: tuple(array.draw(*at)))
 
 
 def weights(count: int) -> Argument:
@@ -103,8 +103,8 @@ def coordinates(*shape: int) -> Argument:
 
 
 _SHARES = (0.0, 1.0, 0.5, 1 / 3, 2 / 3, 1e-30, 1e-8, 1e-6, 1 - 1e-6)
-SHARE = numbers("share 0, 1e-30 to 1", *_SHARES, high=1)
-FRACTION = numbers("fraction -1 to 2", *_SHARES, -1.0, 2.0, high=1)
+SHARE = numbers("share 0, 1e-30 to 1", *_SHARES, within=(0, 1))
+FRACTION = numbers("fraction -1 to 2", *_SHARES, -1.0, 2.0, within=(0, 1))
 
 
 def rotation(least: float = 0.0, most: float = math.pi) -> Argument:
@@ -112,7 +112,7 @@ def rotation(least: float = 0.0, most: float = math.pi) -> Argument:
     angles = [a for a in ANGLES if least <= a <= most or (a == 0 and least < 1)]
     words = f"{least:g}" if least else "denormals, 1e-30"
     words = "0, " * (least < 1) + f"{words} to {most:.3g} rad"
-    return vectors(logarithmic(words, *angles, low=max(least, 1e-30), high=most))
+    return vectors(logarithmic(words, *angles, within=(max(least, 1e-30), most)))
 
 
 def poses(over: str, *turns: Argument, is_anywhere: bool = True) -> Argument:

@@ -98,8 +98,7 @@ _cosine = lambda share, exponent: curves.Cosine(exponent)(share)
 _rising = lambda share, rises: curves.Spline(tuple(rises))(share)
 _ends = lambda point: np.any(np.abs(point) == _FARTHEST)
 _steep = lambda share, exponent: share == 0 and exponent == 0.5
-_WORDS = "exponent 0.5 to 100"
-_POWER = of.logarithmic(_WORDS, 0.5, 1.0, 2.0, 100.0, low=0.5, high=100)
+_POWER = of.logarithmic("exponent 0.5 to 100", 0.5, 1.0, 2.0, 100.0, within=(0.5, 100))
 _POWERS: Any = {"name": "curves.Cosine", "kink": _steep}
 _INDICES = (0, 1, 2, 15, 10**9 - 1, 123_456_789, 3**18, 5**12 - 1)
 _INDEX = [of.numbers("bases 2, 3, 5", 2, 3, 5), of.numbers("indices to 1e9", *_INDICES)]
@@ -109,7 +108,7 @@ _LOGITS = [of.coordinates(6, 3), Argument("1.6 to 1000 Hz", _BOUNDS)]
 _SIGMOIDS: Any = {"slope_unit": 1.0, "wrt": (0,), "count": 45}
 _RISING, _NAME = "curves.Spline", "head_fitting.whittle.log_values"
 
-CURVES = [
+ROWS = [
     _curve(curves.Kim(), cosine, [of.SHARE], eps(8, 16), name="curves.Kim"),
     # A power takes its base's rounding times its exponent.
     _curve(_cosine, cosine, [of.SHARE, _POWER], eps(128, 256), **_POWERS),

@@ -34,8 +34,9 @@ class Bound(NamedTuple):
     gradient: Number = math.nan
 
 
-# The same bounds for both dtypes.
-eps = lambda value, gradient=math.nan: dict.fromkeys(DTYPES, Bound(value, gradient))
+def eps(value: Number, gradient: Number = math.nan) -> dict[str, Bound]:
+    """Give both dtypes the same bounds."""
+    return dict.fromkeys(DTYPES, Bound(value, gradient))
 
 
 class Argument(NamedTuple):
@@ -74,17 +75,15 @@ class Row:
     # Gradients count as at least the answer over this, unless it is 0.
     slope_unit: float | Callable[[Inputs, int], float] = 0.0
     wrt: tuple[int, ...] | None = None  # to differentiate by: None is all floating ones
-    kink: Callable[..., Any] = lambda *given: False  # no derivative; ours is finite
-    kept: Callable[..., Any] = lambda *given: (
-        True
-    )  # within ranges that depend on others
+    kink: Callable[..., Any] | None = None  # no derivative; ours is finite
+    kept: Callable[..., Any] | None = None  # within ranges that depend on others
     eager: bool = False  # called input by input as drawn, without a gradient
     count: int = 50  # of inputs
     quick: int = 24  # of those in the quick form
 
     def __post_init__(self):
         module = getattr(self.function, "__module__", "").removeprefix("hmdjit.")
-        name = self.name or f"{module}.{self.function.__name__}"
+        name = self.name or f"{module}.{self.function.__qualname__}"
         object.__setattr__(self, "name", name)
 
     @property
@@ -107,11 +106,14 @@ class Row:
                 arrays = [np.asarray(x) for x in each]
                 each = [x if x.dtype.kind == "i" else x.astype(dtype) for x in arrays]
             found.append(tuple(each))
-        return [x for x in found if self.kept(*x)]
+        return [x for x in found if self.kept is None or self.kept(*x)]
 
 
-# Of an argument, which may change by its largest entry.
-own_size = lambda arguments, index: float(np.max(np.abs(arguments[index])))
+def own_size(arguments: Inputs, index: int) -> float:
+    """Size of an argument's largest entry, by which it may change."""
+    return float(np.max(np.abs(arguments[index])))
+
+
 scaled = partial(Row, slope_unit=own_size)
 in_numpy = partial(Row, eager=True, quick=0)
 
@@ -210,7 +212,7 @@ def _errors(
     kinds = {"eps": relative / number.eps, "relative": relative}
     judged = kinds.get(row.unit, absolute)
     where, worst = " ".join(map(_typed, arguments)), [(0.0, "")]
-    is_kink, unit = row.kink(*arguments), row.slope_unit
+    is_kink, unit = row.kink and row.kink(*arguments), row.slope_unit
     for i, slopes in zip(wrt, jacobians, strict=True):
         if is_kink:
             is_finite = all(np.isfinite(slope).all() for slope in slopes)
@@ -233,8 +235,7 @@ _ends = lambda x: f"{x.shape} numbers, {np.min(x)} to {np.max(x)}"
 # Small arrays so that they can be typed in again.
 _typed = lambda x: str(np.asarray(x).tolist()) if np.size(x) <= 100 else _ends(x)
 _float = lambda error: math.inf if mp.isnan(error) else float(error)
-_numbers_of = lambda answer: answer.values if isinstance(answer, Sized) else answer
-_entries = lambda answer: np.asarray(_numbers_of(answer), object).ravel()
+_entries = lambda answer: np.asarray(getattr(answer, "values", answer), object).ravel()
 _is_floating = lambda argument: getattr(argument, "dtype", np.dtype(int)).kind == "f"
 
 

@@ -21,13 +21,12 @@ _SUMMED = {"float64": Bound(16)}
 _NO_SPREAD = 1e-13  # documented: of the sessions' size, what counts as no spread
 _FEWEST = 50  # documented: of fewer sessions, intervals are resampled
 
-_OVER = (
+
+@partial(
+    Argument,
     "1, 2, 49 to 51, 1e5 sessions of 0, 1e-8 to 1e6; equal, equal but for 1e-12, "
-    "lognormal to 3, in proportion, some NaN"
+    "lognormal to 3, in proportion, some NaN",
 )
-
-
-@partial(Argument, _OVER)
 def _sessions(rng: Rng, dtype: np.dtype, n: int) -> tuple[Any, ...]:
     """Sessions `(scene, session)`, derivatives of the first scene, and paths."""
     # Counts of both sides of the bootstrap; within 56 everything meets all else.
@@ -127,7 +126,7 @@ def _geometric_mean(x: np.ndarray, y: np.ndarray) -> Truth:
     return found._replace(size=found.size * lost, spread=found.spread * lost)
 
 
-def _exact_geometric_mean(x: np.ndarray, y: np.ndarray) -> Parts:
+def _exact_geometric(x: np.ndarray, y: np.ndarray) -> Parts:
     """As documented: a session that a scene lacks adds 0 to its sums."""
     known = _is_finite(x + y)
     both = np.where(known, [x, y], mp.zero)[..., known.any(axis=0)]
@@ -154,6 +153,8 @@ def _numbers(found: Any) -> list[float]:
     """Value, error and bounds; if resampled, how far these are on the wrong side."""
     if isinstance(found, float):
         return [found]
+    if isinstance(found, list):
+        return [number for one in found for number in _numbers(one)]
     value, error = found.value, found.standard_error
     if isinstance(found, estimate.Estimate):
         return [value, error]
@@ -174,9 +175,7 @@ def _estimates(x: np.ndarray, y: np.ndarray, nan_policy: Any) -> list[Any]:
 def _row(function: Callable, rows: Callable, oracle: Callable, **options: Any) -> Row:
     @wraps(function)
     def measured(*drawn: Any) -> list[float]:
-        found = function(*rows(*drawn), nan_policy="omit")
-        found = found if isinstance(found, list) else [found]
-        return [number for one in found for number in _numbers(one)]
+        return _numbers(function(*rows(*drawn), nan_policy="omit"))
 
     exact = lambda *drawn: Sized(*zip(*oracle(*rows(*drawn)), strict=True))
     return in_numpy(measured, exact, [_sessions], _SUMMED, **{"count": 88, **options})
@@ -190,14 +189,13 @@ _control = lambda x, y, dx, dy, *others: (x[0], y[0], *others)
 _exact_ratio = lambda x, y: _ratio(x + 0 * y, y + 0 * x).interval()
 _derivative = intervals.log_ratio_derivative_interval
 _exact_derivative = lambda *rows: _slope(*rows).interval()
-_geometric = intervals.geometric_mean_ratio, _scenes, _exact_geometric_mean
 _ALL: Any = {"name": "estimates.estimate.ratio, geometric_mean, pairing_gain"}
 _LEVELS = [of.numbers("interim analyses 1 to 199", *range(1, 200, 5))]
 
-ESTIMATES = [
+ROWS = [
     _row(intervals.mean_interval, _technique, lambda x: _mean(x).interval()),
     _row(intervals.ratio_interval, _pair, _exact_ratio),
-    _row(*_geometric, kept=_flickers),
+    _row(intervals.geometric_mean_ratio, _scenes, _exact_geometric, kept=_flickers),
     _row(_derivative, _derivatives, _exact_derivative, kept=_is_known, count=264),
     _row(estimate.mean_of, _technique, lambda x: _mean(x).estimate()),
     _row(estimate.control_variate, _control, _exact_control, count=352),

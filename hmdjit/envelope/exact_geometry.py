@@ -40,9 +40,19 @@ def relative(start: Numbers, end: Numbers) -> Numbers:
     return multiply(conjugate(start), -end if start.dot(end) < 0 else end)
 
 
-conjugate = lambda q: q * np.array([1, -1, -1, -1])  # the inverse, of unit length
-turn = lambda start, end: log(relative(start, end))
-slerp = lambda start, end, fraction: multiply(start, exp(turn(start, end) * fraction))
+def conjugate(q: Numbers) -> Numbers:
+    """Inverse of a quaternion of unit length."""
+    return q * np.array([1, -1, -1, -1])
+
+
+def turn(start: Numbers, end: Numbers) -> Numbers:
+    """Rotation vector from one orientation to another, along the shorter arc."""
+    return log(relative(start, end))
+
+
+def slerp(start: Numbers, end: Numbers, fraction: Any) -> Numbers:
+    """Orientation at a fraction of the shorter arc; outside `[0, 1]` it goes on."""
+    return multiply(start, exp(turn(start, end) * fraction))
 
 
 def rotation_change(rotation: Numbers) -> Numbers:
@@ -52,8 +62,9 @@ def rotation_change(rotation: Numbers) -> Numbers:
     return cross * mp.sinc(angle) + cross.dot(cross) * (mp.sinc(angle / 2) ** 2 / 2)
 
 
-# Focal length of a camera; its field of view in degrees.
-focal_px = lambda fov, width=SIZE_PX[0]: width / mp.tan(fov * mp.pi / 360) / 2
+def focal_px(fov: Any, width: int = SIZE_PX[0]) -> Any:
+    """Focal length of a camera whose horizontal field of view is in degrees."""
+    return width / mp.tan(fov * mp.pi / 360) / 2
 
 
 def ray(fov: Any, pixel: Numbers, size: tuple[int, int] = SIZE_PX) -> Numbers:

@@ -62,7 +62,7 @@ _PAIR = [of.apart(_apart(of.rotation(most=math.pi - 1e-5)))]
 _ANY_PAIR, _ULPS = [of.apart(_apart(of.rotation()))], {"float64": Bound(2.0**-50)}
 _NEAR = "0, denormals, 1e-30 to 1 rad, from the hold pose"
 _PATH = [of.poses(_NEAR, *[of.rotation(most=1.0)] * 3, is_anywhere=False)]
-_VECTOR = of.vectors(of.logarithmic("vectors of 1e-6 to 1e6", low=1e-6, high=1e6))
+_VECTOR = of.vectors(of.logarithmic("vectors of 1e-6 to 1e6", within=(1e-6, 1e6)))
 
 
 def _row(function: Callable, *given: Any, **options: Any) -> Row:
@@ -94,14 +94,12 @@ def _px_per_deg(fov: Any, pixel: Any) -> list:
 _focal = lambda fov: float(exact.focal_px(float(fov)))
 # By what K and K^-1 multiply entries of R that cancel: f, or (W / 2)^2 / f.
 _factor = lambda fov, turn: _focal(fov) + (exact.SIZE_PX[0] / 2) ** 2 / _focal(fov)
-_to_180 = lambda fov_deg: min(fov_deg, 180.0 - fov_deg)
-# The unit of slopes, which a roll cancels: of wide views f goes to 0.
-_own_or_to_180 = lambda *at: own_size(*at) if at[1] else _to_180(own_size(*at))
+# The unit of slopes, which a roll cancels: wide views' f goes to 0; turns are small.
+_own_or_to_180 = lambda *at: min(own_size(*at), 180.0 - own_size(*at))
 _behind = lambda fov, ray: ray[2] >= 0
 _stacked = lambda *at: jnp.stack(camera.displacement(*at[:2], *at[2])[:2])
 _moved = partial(_row, _stacked, exact.displacement)
 _matrix = partial(_row, camera.homography, _homography, slope_unit=_own_or_to_180)
-_WHERE = [_FOV, _pixel]
 _SMALL = [of.numbers("1024 px, 96 deg", 96.0), of.rotation(1e-7, 0.1), _pixel]
 _PX = {"float32": Bound(1e-3, 64), "float64": Bound(1e-11, 64)}
 _MOVED, _BY_FACTOR = "camera.displacement", "camera.homography, of f + (W / 2)^2 / f"
@@ -139,7 +137,7 @@ _PLACE = Argument("1024 px, 96 deg", lambda rng, *_: rng.choice([0, 100, 511, 10
 _DRAWN = [of.poses(_WORDS, of.rotation(0.01, 0.35), of.rotation(1e-7, 0.1)), _PLACE]
 _CLOSE, _PART = [of.rotation(most=0.3), of.SHARE], "frames.displacement.Displacement.px"
 
-GEOMETRY = [
+ROWS = [
     Row(quaternion.exp, exact.exp, _ROTATION, eps(4, 8)),
     Row(quaternion.log, exact.log, [_quaternion], eps(6, 12), kink=_half_turn),
     Row(quaternion.angle, mp.norm, _ROTATION, eps(4, 8), kink=_has_denormals),
@@ -159,9 +157,9 @@ GEOMETRY = [
     _moved(_SMALL, _PX, "px", f"{_MOVED}, px"),
     _matrix([_FOV, of.rotation(most=1.0)], eps(16, 64), quick=0),
     _matrix([_FOV, of.rotation(1.0)], eps(16, 64), **_JUDGED),
-    _row(camera.pixel_to_ray, exact.ray, _WHERE, eps(4, 8)),
+    _row(camera.pixel_to_ray, exact.ray, [_FOV, _pixel], eps(4, 8)),
     _row(camera.ray_to_pixel, exact.project, [_FOV, _ray], eps(8, 16), kink=_behind),
-    _row(camera.px_per_deg, _px_per_deg, _WHERE, eps(8, 16)),
+    _row(camera.px_per_deg, _px_per_deg, [_FOV, _pixel], eps(8, 16)),
     scaled(_past, _exact_past, _CLOSE, eps(16, 16), name=f"{_PART}, (1 - d) r"),
     # What is asked for; 2.6e-5 px is found in float32.
     _of_poses("float32", 1e-3, quick=24),

@@ -34,25 +34,25 @@ def _sampled(rng: Rng, dtype: np.dtype, n: int) -> tuple[float, float]:
     return share * rate / 2, rate
 
 
-_SPEED = of.logarithmic("", low=1e-4, high=100)
-_TIME = of.logarithmic("times 1e-6 to 1e6 s", *of.TIMES_S, low=1e-6, high=1e6)
-_HERTZ = of.logarithmic("0.1 to 100 Hz", low=0.1, high=100)
+_SPEED = of.logarithmic("", within=(1e-4, 100))
+_TIME = of.logarithmic("times 1e-6 to 1e6 s", *of.TIMES_S, within=(1e-6, 1e6))
+_HERTZ = of.logarithmic("0.1 to 100 Hz", within=(0.1, 100))
 _DAMPING = of.numbers("damping 0.02 to 2", 0.02, 0.05, 0.3, 1.0, 1.2, 2.0)
 _WANDER, _MODE = [_SPEED, _TIME, _TIME], [_SPEED, _HERTZ, _DAMPING]
 _BURSTS = [
-    of.logarithmic("at rest", 0.0, low=1e-4, high=100),
+    of.logarithmic("at rest", 0.0, within=(1e-4, 100)),
     *(_TIME, _TIME),
-    of.logarithmic("noise 0, 1e-7 to 1", 0.0, low=1e-7, high=1),
+    of.logarithmic("noise 0, 1e-7 to 1", 0.0, within=(1e-7, 1)),
     of.numbers("bursts of 0 to 1", 0.4, 0.0, 1e-6, 1.0),
-    of.logarithmic("for 1e-6 to 1e6 s", 0.4, 1e-6, 1e6, low=1e-6, high=1e6),
+    of.logarithmic("for 1e-6 to 1e6 s", 0.4, 1e-6, 1e6, within=(1e-6, 1e6)),
 ]
 _RATE = of.numbers("1 to 10,000 Hz", *of.RATES_HZ)
 _FRAMES = of.numbers("lags 0 to 10", 0, 1, 2, 10)
-_LAG = of.logarithmic("lags 0, 1e-6 to 1e6 s", 0.0, low=1e-6, high=1e6)
-_SHORT_LAG = of.logarithmic("lags 0, 1e-4 to 10 s", 0.0, low=1e-4, high=10)
-_STEP = of.logarithmic("steps 1e-6 to 1e6 s", low=1e-6, high=1e6)
+_LAG = of.logarithmic("lags 0, 1e-6 to 1e6 s", 0.0, within=(1e-6, 1e6))
+_SHORT_LAG = of.logarithmic("lags 0, 1e-4 to 10 s", 0.0, within=(1e-4, 10))
+_STEP = of.logarithmic("steps 1e-6 to 1e6 s", within=(1e-6, 1e6))
 _HALVES = (rate / 2 for rate in of.RATES_HZ)
-_FREQUENCY = of.logarithmic("0 to 5000 Hz", 0.0, *_HALVES, low=1e-4, high=5e3)
+_FREQUENCY = of.logarithmic("0 to 5000 Hz", 0.0, *_HALVES, within=(1e-4, 5e3))
 
 
 def _wander(speed: Any, time: Any, back: Any, *others: Any, noise: Any = 0.0) -> Any:
@@ -167,7 +167,7 @@ _RMS = "HeadMotion.increment_rms_deg"
 _KURTOSIS: Any = {"name": "HeadMotion.increment_kurtosis", "floor": 1e-12, "count": 35}
 _DISCRETISE = "head_motion.discretisation.discretise"
 
-HEADS = [
+ROWS = [
     _row(_discretised, transition, [_drift, _STEP], eps(32, 128), name=_DISCRETISE),
     _law("covariance", "wander", [_LAG], eps(32, 1e3), **_AT_REST),
     _law("structure_function", "wander", [_LAG], eps(32, 64), kept=_turn_is_seen),

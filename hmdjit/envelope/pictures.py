@@ -61,14 +61,14 @@ _mixed = lambda now, past, weight: blending.blend(now, past, weight[None, None])
 _exact_mixed = lambda now, past, weight: now * weight + past * (1 - weight)
 _black = lambda now, past, weight: not (now.any() or past.any())
 # What is black and all past is left with nothing but rounding.
-_past_is_seen = lambda now, past, weight: past.any() or not now.any()
+_is_seen = lambda now, past, weight: past.any() or not now.any()
 _BLEND: Any = {"name": "blending.blend", "slope_unit": own_size, "kink": _black}
 # What is smaller squares to 0 in float32.
 _dark = partial(Row, floor=1e-17, kink=_equal)
-_LEVEL = of.logarithmic("0, 1e-30 to 1e6", *of.LEVELS, -1e-3, low=1e-12, high=1e6)
+_LEVEL = of.logarithmic("0, 1e-30 to 1e6", *of.LEVELS, -1e-3, within=(1e-12, 1e6))
 _HDR = [of.apart(of.pictures(2, 3, 1, 1))]
 _SHOWN = [of.apart(of.pictures(2, 3, 1, 1, levels=of.LEVELS[:-3]))]
-_SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", low=1e-8, high=1e6)
+_SAMPLE = of.logarithmic("samples of 1e-8 to 1e6", within=(1e-8, 1e6))
 _PAST = [of.arrays(_SAMPLE, 16, 3), of.weights(16)]
 
 
@@ -116,7 +116,7 @@ _box, _tent = lambda t: mpf(-0.5 <= t < 0.5), lambda t: max(1 - abs(t), 0)
 _linear = partial(_reader, kernel=_tent, kink=_on_a_texel)
 _TEXELS = Argument("", lambda rng, *_: rng.integers(0, 256, (4, 5)) / 256)  # exact
 _OFFSETS = (0.0, 1.0, -2.0, 3.0, 1e6, -1e6, 1e-30, -1e-30, 1e-6, -1e-6, 0.5 - 1e-3)
-_OFFSET = of.numbers("0, 1e-30 to 1e6 texels, beyond edges", *_OFFSETS, low=-5, high=6)
+_OFFSET = of.numbers("0, 1e-30 to 1e6 texels, beyond edges", *_OFFSETS, within=(-5, 6))
 _TWO, _NAME = resampling.bilinear, "frames.resampling.bilinear"
 _STORED: Any = {"bounds": {"float32": Bound(4, 8)}, "wrt": (1, 2)}
 
@@ -146,6 +146,7 @@ def _streamed(clip: np.ndarray) -> float:
     return streamed.value
 
 
+@wraps(PictureStatistics.difference)
 def _moved(slope_squared: Any, finest_px: Any, displacement: Any) -> Any:
     statistics = PictureStatistics(slope_squared[None], finest_px, 64, False)
     return statistics.difference(displacement[None])[0]
@@ -163,7 +164,7 @@ _decibels = lambda power, error: 10 * mp.log10(power / error if error else mp.in
 _psnr = lambda *two: _decibels(mpf(255) ** 2, _mse(*two))
 _snr = lambda test, real: _decibels(_mse(0 * real, real), _mse(test, real))
 _no_ratio = lambda test, real: np.array_equal(test, real) or not real.any()
-_at_rest = lambda slopes, finest_px, displacement: not displacement.any()
+_still = lambda slopes, finest_px, displacement: not displacement.any()
 _error = partial(Row, kink=np.array_equal, count=72)
 # dB: a logarithm of up to 32 and its factor of 10 are rounded, and their sum.
 _DECIBELS = {"float32": Bound(1e-4, 8), "float64": Bound(2e-13, 8)}
@@ -173,11 +174,9 @@ _SCALES = of.numbers("1e4 frames of 1e-8 to 1", 1e-8, 1e-5, 1e-3, 0.1, 0.5, 1.0)
 _STREAMED = "metrics.base.Streamed"
 _LONG, _EACH = [of.arrays(_SCALES, 10_000, 1, 2, 3)], {"float64": Bound(1e4 * 2.0**-53)}
 _LENGTHS = (0.0, 1e-15, 1e-6, 0.2, 0.3, 0.6, 0.9, 3.0, 1e3, 1e6)
-_PX = of.logarithmic("0, 1e-15 to 1e6 px", *_LENGTHS, low=1e-2, high=100)
-_DISPLACED = "theory.picture_statistics.PictureStatistics.difference"
-_MOVED: Any = {"name": _DISPLACED, "kink": _at_rest}
+_PX = of.logarithmic("0, 1e-15 to 1e6 px", *_LENGTHS, within=(1e-2, 100))
 
-PICTURES = [
+ROWS = [
     # A power by logarithms loses as many eps as the exponent is large.
     Row(color.encode, _encode, [_LEVEL], eps(24, 24), kink=_at_joint),
     Row(color.decode, _decode, [_LEVEL], eps(64, 64), kink=_at_joint),
@@ -190,9 +189,7 @@ PICTURES = [
     Row(blending.localized_minimum, _minimum, [of.SHARE] * 3, eps(4, 2), floor=1.0),
     Row(blending.current_weight, _weight, [of.SHARE] * 2, eps(2, 2), floor=1.0),
     Row(_past, _past_color, _PAST, eps(16, 16), name="blending.past_color"),
-    Row(
-        _mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_past_is_seen, **_BLEND
-    ),
+    Row(_mixed, _exact_mixed, [*_HDR, of.SHARE], eps(4, 4), kept=_is_seen, **_BLEND),
     _reader(resampling.nearest, _box, eps(0, 0), wrt=(0,), slope_unit=own_size),
     _reader(resampling.catmull_rom, _keys, eps(8, 16), wrt=(1, 2), quick=0),
     _linear(_TWO, bounds=eps(4, 8)),
@@ -205,5 +202,5 @@ PICTURES = [
     _error(metrics.psnr, _psnr, _PAIR, _DECIBELS, "dB"),
     _error(metrics.snr, _snr, _PAIR, _DECIBELS, "dB", kink=_no_ratio),
     in_numpy(_streamed, _mtcd, _LONG, _EACH, "relative", _STREAMED, count=6),
-    scaled(_moved, _displaced, [_slopes, of.vectors(_PX, 2)], eps(16, 32), **_MOVED),
+    scaled(_moved, _displaced, [_slopes, of.vectors(_PX, 2)], eps(16, 32), kink=_still),
 ]

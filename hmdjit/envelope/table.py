@@ -2,10 +2,5 @@
 
 from . import curves, estimates, geometry, heads, pictures
 
-ROWS = [
-    *geometry.GEOMETRY,
-    *pictures.PICTURES,
-    *curves.CURVES,
-    *heads.HEADS,
-    *estimates.ESTIMATES,
-]
+_ROOMS = geometry, pictures, curves, heads, estimates
+ROWS = [row for room in _ROOMS for row in room.ROWS]

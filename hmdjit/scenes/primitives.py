@@ -8,6 +8,7 @@ and a direction, each three numbers or planes that broadcast together.
 a surface shows of a pixel whose centre it just misses.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -76,7 +77,7 @@ class Quads(eqx.Module):
     is_round: Bool[AnyArray, "*rows"]
     is_one_sided: Bool[AnyArray, "*rows"]
 
-    def turned(self, turn, shift) -> "Quads":
+    def turned(self, turn: Callable, shift: Callable) -> "Quads":
         """Turn and move all rows: `turn` and `shift` act on vectors `(rows, 3)`."""
         return eqx.tree_at(
             lambda q: (q.centre, q.right, q.up),
