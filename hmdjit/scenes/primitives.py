@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .surfaces import AnyArray, Paint
 
@@ -94,10 +94,12 @@ class Quads(eqx.Module):
         right, up = jnp.abs(self.right @ direction), jnp.abs(self.up @ direction)
         return right * self.half_m[..., 0] + up * self.half_m[..., 1]
 
-    def is_seen(self) -> Bool[AnyArray, "*rows"]:
+    def is_seen(self) -> Bool[Array, "*rows"]:
         """Whether the origin is on a side from which it is seen."""
         normal = jnp.cross(self.right, self.up)
-        return ~self.is_one_sided | (jnp.sum(normal * self.centre, axis=-1) < 0)
+        return ~jnp.asarray(self.is_one_sided) | (
+            jnp.sum(normal * self.centre, axis=-1) < 0
+        )
 
     def skin(self, origin: Vector, direction: Vector) -> Meeting:
         """Meet the plane of one row."""
@@ -146,7 +148,7 @@ class Spheres(eqx.Module):
         """How far each extends from its centre along a unit vector, `(3,)`."""
         return self.radius_m
 
-    def is_seen(self) -> Bool[AnyArray, "*rows"]:
+    def is_seen(self) -> Bool[Array, "*rows"]:
         """All are."""
         return jnp.ones(self.radius_m.shape, bool)
 
@@ -197,7 +199,7 @@ class Capsules(eqx.Module):
         """How far each extends from its centre along a unit vector, `(3,)`."""
         return jnp.abs(self.up @ direction) * self.half_m + self.radius_m
 
-    def is_seen(self) -> Bool[AnyArray, "*rows"]:
+    def is_seen(self) -> Bool[Array, "*rows"]:
         """All are."""
         return jnp.ones(self.radius_m.shape, bool)
 

@@ -99,7 +99,8 @@ class World(eqx.Module):
             beyond = [centre @ n > reach(n) for n in outwards]
             beyond.append(centre @ ahead + NEAR_M > reach(ahead))
             is_near = ~functools.reduce(jnp.logical_or, beyond)
-            return _picked(is_near & jnp.asarray(table.rows.is_seen()))
+            is_near &= jnp.asarray(table.rows.is_seen())
+            return _picked(is_near)
 
         return [chosen(table) for table in self.tables]
 

@@ -30,13 +30,7 @@ from ..frames.sources import AbstractSource
 from ..frames.texture import Texture
 from .failures import Failures
 from .progress import Progress
-from .sampler import (
-    LEAST_SESSIONS,
-    PILOT_SESSIONS,
-    PILOT_START,
-    Sampler,
-    SceneSampler,
-)
+from .sampler import LEAST_SESSIONS, PILOT_SESSIONS, PILOT_START, Sampler, SceneSampler
 
 GROWTH = 1.5
 MOST_SESSIONS = 1 << 20
