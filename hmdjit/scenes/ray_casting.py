@@ -98,9 +98,8 @@ class World(eqx.Module):
             centre, reach = table.rows.centre, table.rows.reach
             beyond = [centre @ n > reach(n) for n in outwards]
             beyond.append(centre @ ahead + NEAR_M > reach(ahead))
-            is_near = ~functools.reduce(jnp.logical_or, beyond)
-            is_near &= jnp.asarray(table.rows.is_seen())
-            return _picked(is_near)
+            beyond.append(~table.rows.is_seen())
+            return _picked(~functools.reduce(jnp.logical_or, beyond))
 
         return [chosen(table) for table in self.tables]
 
