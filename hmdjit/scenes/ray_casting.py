@@ -99,7 +99,8 @@ class World(eqx.Module):
             beyond = [centre @ n > reach(n) for n in outwards]
             beyond.append(centre @ ahead + NEAR_M > reach(ahead))
             beyond.append(~table.rows.is_seen())
-            return _picked(~functools.reduce(jnp.logical_or, beyond))
+            is_beyond = functools.reduce(jnp.logical_or, beyond)
+            return _picked(jnp.logical_not(is_beyond))
 
         return [chosen(table) for table in self.tables]
 
