@@ -22,6 +22,7 @@ CAMERA = hj.Camera(96, 80, fov_deg=70.0, refresh_hz=60.0)
 WHOLE = hj.Region.whole(CAMERA)
 FRAME = 7
 CENTRE = np.zeros((1, 2))
+GREY_PAINT = surfaces.uniform(GREY)
 
 
 @pytest.fixture(scope="module")
@@ -251,6 +252,78 @@ def test_hits_are_where_the_solid_begins(rng, kind):
     assert np.isinf(ours[clear_miss | (room < -1e-4)]).all()
     both = is_there & is_clear
     np.testing.assert_allclose(ours[both], expected[both], rtol=1e-5)
+
+
+def test_a_cylinder_shows_its_near_end_and_its_far_end_never():
+    tube = shapes.cylinder(
+        (0.0, 0.0, -2.0), (0.0, 0.0, -3.0), 0.5, surfaces.uniform(RED)
+    )
+    frame = rendered(Solids.of([Object(tube)]), NOW.turning())
+    assert 1.9 < np.asarray(frame.depth).min() < 2.1
+    from_above = [(0, -2, -2), (0, -1, -2), 0.3, surfaces.uniform(RED)]
+    still = hj.Motion(0 * NOW.offset, 0 * NOW.offset)
+    frame = rendered(Solids.of([Object(shapes.cylinder(*from_above))]), still)
+    depth = np.asarray(frame.depth)
+    # The lid, 1 m below the eye, begins nearer than 1.8 m and ends farther than 2.2 m.
+    row, column = np.nonzero(np.isfinite(depth))
+    y = (row + 0.5 - CAMERA.height_px / 2) / float(CAMERA.focal_px)
+    on_lid = np.abs(depth[row, column] * y - 1) < 1e-6
+    np.testing.assert_allclose(np.ptp(depth[row, column][on_lid]), 0.6, atol=0.1)
+
+
+@pytest.mark.parametrize("shape", [shapes.box, shapes.cylinder])
+def test_what_is_seen_from_outside_faces_outwards(shape):
+    first = (0.2, -0.1, -3.0)
+    made = {
+        shapes.box: lambda: shape(first, (1.0, 2.0, 0.5), GREY_PAINT, (0.3, -0.8, 0.4)),
+        shapes.cylinder: lambda: shape(first, (0.5, 0.6, -2.0), 0.2, GREY_PAINT),
+    }[shape]
+    middle = np.array(first) if shape is shapes.box else np.array([0.35, 0.25, -2.5])
+    sides = [p.primitive for p in made() if isinstance(p.primitive, primitives.Quads)]
+    assert len(sides) == (6 if shape is shapes.box else 2)
+    for side in sides:
+        assert np.cross(side.right, side.up) @ (side.centre - middle) > 0
+
+
+def test_a_capsule_is_met_along_its_axis_and_casts_a_shadow_there():
+    pill = shapes.capsule(
+        (0.0, 0.0, -3.0), (0.0, 0.5, -3.0), 0.4, surfaces.uniform(RED)
+    )
+    floor = shapes.plane((0, -1, 0), (1, 0, 0), (0, 0, -1), surfaces.uniform(WHITE))
+    camera, still = (
+        hj.Camera(33, 33, fov_deg=70.0),
+        hj.Motion(jnp.zeros(3), jnp.zeros(3)),
+    )
+    dark = []
+    for sun in ((0.0, 1.0, 0.0), (1e-4, 1.0, 0.0)):
+        solid = Solids.of([Object([*floor, *pill])], sun=Sun(sun, has_shadows=True))
+        frame = rendering.render(solid, camera, hj.Region.whole(camera), still, CENTRE)
+        dark.append(int((np.abs(frame.color[0] - frame.color[0].min()) < 0.2).sum()))
+    assert dark[0] == dark[1] > 0
+    along = shapes.capsule(
+        (0.0, 0.0, -2.0), (0.0, 0.0, -3.0), 0.5, surfaces.uniform(RED)
+    )
+    row = _single(along[0].primitive)
+    zero, ahead = (
+        (jnp.float32(0),) * 3,
+        (jnp.float32(0), jnp.float32(0), jnp.float32(-1)),
+    )
+    length, is_hit = row.hit(zero, ahead)
+    assert is_hit
+    np.testing.assert_allclose(length, 1.5, rtol=1e-6)
+
+
+def test_a_surface_goes_on_beyond_the_horizon_as_it_is_lit():
+    floor = shapes.plane((0, -1, 0), (1, 0, 0), (0, 0, -1), surfaces.uniform(GREY))
+    solid = Solids.of([Object(floor)], sun=Sun((0.0, 1.0, 0.0)))
+    camera = hj.Camera(33, 33, fov_deg=60.0)
+    pitch = jnp.array([0.25 / float(camera.focal_px), 0.0, 0.0])
+    now, table = hj.Motion(pitch, pitch), MSAA(4).sample_offsets_px[0]
+    names, region = {"multisampled", "coverage"}, hj.Region.whole(camera)
+    frame = rendering.render(solid, camera, region, now, table, channels=names)
+    is_floor = np.asarray(frame.channels["coverage"][:, 0] > 0)
+    np.testing.assert_allclose(np.asarray(frame.color[:, 0])[is_floor], 0.4, atol=1e-6)
+    assert is_floor.any(axis=0).sum() > is_floor.all(axis=0).sum()  # a row of both
 
 
 def test_a_thin_hair_far_away_is_as_wide_as_it_is():
@@ -497,6 +570,12 @@ def test_poses_that_do_not_move_are_those_that_turn(scene):
         ),
         (lambda s: Solids.of([]), "objects must have at least one shape, got none"),
         (lambda s: Sun((0.0, 0.0, 0.0)), "length of direction of a sun"),
+        (
+            lambda s: Solids.of(
+                [Object(shapes.sphere((0, 0, -1), 0.1, s.cut_out([[True]])))]
+            ),
+            "mask of a surface must lie on a rectangle or an ellipse, got a round",
+        ),
         (lambda s: Sun(ambient=1.5), "ambient must lie in"),
         (lambda s: Movement(motion_class="static"), "motion_class must be one of"),
         (lambda s: surfaces.uniform((255, 0, 0)), "first of a surface must lie in"),

@@ -172,7 +172,7 @@ def _scenes(options: Options) -> dict[str, StudyScene]:
         if path.stem in chosen:
             raise ValueError(f"images must differ in name, got {path.stem} twice.")
         chosen[path.stem] = reader(path)
-    return chosen
+    return _baked(options, chosen)
 
 
 def _baked(options: Options, chosen: dict[str, StudyScene]) -> dict[str, StudyScene]:

@@ -82,7 +82,8 @@ class RenderCommand:
             numbers = _shown(source, camera, technique)
         planes = np.asarray(numbers)
         if out.suffix.lower() == ".npy":
-            content, words = np.moveaxis(planes, 0, -1).squeeze(), "as numbers"
+            content = planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
+            words = "as numbers"
             with written_atomically(out) as unfinished, open(unfinished, "wb") as file:
                 np.save(file, content)
         else:

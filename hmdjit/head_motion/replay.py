@@ -41,6 +41,11 @@ class Replay(eqx.Module):
         """Frames per second of the replay; the median over traces of their own."""
         return self.rate_hz or shared_rate_hz(self.traces)
 
+    @property
+    def has_places(self) -> bool:
+        """Whether all traces say where the eye is; else no one's places are used."""
+        return all(trace.position_m is not None for trace in self.traces)
+
     def windows(
         self, frames: int
     ) -> tuple[Float64[np.ndarray, "windows frames components"], list[str]]:
@@ -50,7 +55,7 @@ class Replay(eqx.Module):
 
         **Errors:** `ValueError` if no trace is as long as a window.
         """
-        cut, is_placed = [], all(t.position_m is not None for t in self.traces)
+        cut, is_placed = [], self.has_places
         for trace in self.traces:
             # A trace that is shorter than a window has none.
             with contextlib.suppress(ValueError):

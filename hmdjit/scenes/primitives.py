@@ -110,7 +110,8 @@ class Quads(eqx.Module):
         is_along = slope == 0
         length = jnp.where(is_along, -1.0, gap / jnp.where(is_along, 1.0, slope))
         place = _minus(along(origin, direction, length), centre)
-        side = jnp.where(slope > 0, -1.0, 1.0)
+        # Towards the origin, even where a skin goes on beyond the horizon.
+        side = jnp.where(gap > 0, -1.0, 1.0)
         normal = (side * nx, side * ny, side * nz)
         return Meeting(length, normal, (dot(right, place), dot(up, place)))
 
@@ -118,12 +119,14 @@ class Quads(eqx.Module):
         """Length at which a ray meets one row, and whether it does."""
         length, _, (a, b) = self.skin(origin, direction)
         width, height = self.half_m
+        normal = _of(jnp.cross(self.right, self.up))
+        is_shown = ~self.is_one_sided | (dot(normal, direction) < 0)
         is_in = jnp.where(
             self.is_round,
             (a / width) ** 2 + (b / height) ** 2 <= 1,
             (jnp.abs(a) <= width) & (jnp.abs(b) <= height),
         )
-        return length, (length > 0) & is_in
+        return length, (length > 0) & is_in & is_shown
 
 
 class Spheres(eqx.Module):
@@ -268,12 +271,12 @@ def _ball(
     from the ray, not by the discriminant: it cancels in float32.
     """
     squared = dot(direction, direction)
-    is_none = squared == 0  # as is a direction along a cylinder's axis, across it
+    is_none = squared == 0  # across a cylinder that the ray is along
     squared = jnp.where(is_none, 1.0, squared)
     nearest = dot(to_centre, direction) / squared
     miss = _minus(to_centre, along((0.0, 0.0, 0.0), direction, nearest))
-    room = jnp.where(is_none, -1.0, radius * radius - dot(miss, miss))
-    is_in = room > 0  # the square root has an infinite slope at 0
+    room = radius * radius - dot(miss, miss)
+    is_in = (room > 0) & ~is_none  # the square root has an infinite slope at 0
     depth = jnp.sqrt(jnp.where(is_in, room, 1.0) / squared)
     return nearest - jnp.where(is_in, depth, 0.0), room
 

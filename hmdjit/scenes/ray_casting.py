@@ -1,7 +1,7 @@
 """What rays from the eye meet: the nearest surfaces, what they show, their shadows.
 
 Of a block of rays only the primitives that it can meet are looked at, found anew for
-each block and frame from spheres around them.
+each block and frame from how far they extend.
 """
 
 import functools

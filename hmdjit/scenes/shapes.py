@@ -134,7 +134,7 @@ def cylinder(
     ahead = np.cross(axis / np.linalg.norm(axis), right)
     wide = 2 * radius_m
     lids = []
-    for middle, sides in ((end, (right, -ahead)), (start, (right, ahead))):
+    for middle, sides in ((end, (right, ahead)), (start, (right, -ahead))):
         across, along = (wide * side for side in sides)
         lids += _quad(middle, across, along, surface, is_round=True, is_one_sided=True)
     return tube + lids

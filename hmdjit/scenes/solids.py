@@ -22,14 +22,12 @@ from ..frames.sources import AbstractSource, View
 from ..frames.velocity import against_object
 from . import primitives, solid_channels, surfaces
 from .base import AbstractScene, Colors, Directions
-from .primitives import Primitive, Table
+from .primitives import Primitive, Quads, Table
 from .ray_casting import Rays, World
 from .shapes import Object, Paths, Sun
 from .stored import StoredPlanes
 from .surfaces import AnyArray
 
-_BLOCK_PX = 64  # side of a block of rays, which share what they can meet
-_ROOM_PX = 2.0  # by which a sample may lie beside its block
 GIVES = frozenset(
     """color multisampled albedo depth object_id motion_class velocity
     coverage""".split()  # noqa: SIM905
@@ -80,6 +78,7 @@ class Solids(AbstractScene, AbstractSource):
         gallery, rows = surfaces.Gallery(), {}
         for number, one in enumerate(objects, start=1):
             for primitive, surface in one.shapes:
+                _check_holes(primitive, surface)
                 own = np.asarray(number, np.int32)
                 row = Table(primitive, gallery.paint(surface), own)
                 rows.setdefault(type(primitive), []).append(row)
@@ -243,6 +242,16 @@ class Baked(AbstractScene):
     def color(self, camera: Camera, direction: Directions) -> Colors:
         """Gamma colour of the solids."""
         return self.solids.color(camera, direction)
+
+
+def _check_holes(primitive: Primitive, surface: surfaces.Surface) -> None:
+    """Raise where a mask has no rectangle to lie on."""
+    is_bounded = isinstance(primitive, Quads) and np.isfinite(primitive.half_m).all()
+    if surface.mask is not None and not is_bounded:
+        raise ValueError(
+            "mask of a surface must lie on a rectangle or an ellipse, got a "
+            f"{'plane' if isinstance(primitive, Quads) else 'round surface'}."
+        )
 
 
 def _apply(matrix: Array, vectors: Array) -> Array:

@@ -182,8 +182,11 @@ def stream(
     others = {name: iter(channel) for name, channel in given.items()}
     state = None
     for k, picture in enumerate(frames):
-        if poses is not None and k >= len(poses):
-            raise ValueError(f"poses must have one row per frame, got {len(poses)}.")
+        for name, rows in (("poses", poses), ("jitter_px", jitter_px)):
+            if rows is not None and k >= len(rows):
+                raise ValueError(
+                    f"{name} must have one row per frame, got {len(rows)}."
+                )
         picture = _checks.colors("frames", picture).astype(jnp.float32)
         now = {}
         for name, channel in others.items():

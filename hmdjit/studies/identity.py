@@ -91,12 +91,14 @@ def _solids(study: StudyDefinition) -> dict[str, Any]:
     names = [n for n, s in study.scenes.items() if isinstance(s, AbstractSource)]
     if not names:
         return {}
-    neck = study.neck
+    neck, head = study.neck, study.head
+    words = "none" if neck is None else f"{float(neck.up_m):g} m up, "
+    words += "" if neck is None else f"{float(neck.forward_m):g} m forward"
+    if not isinstance(head, HeadMotion) and head.has_places:
+        words = "none, for the eye's place is recorded"
     return {
         "solids": names,
-        "neck": "none"
-        if neck is None
-        else f"{float(neck.up_m):g} m up, {float(neck.forward_m):g} m forward",
+        "neck": words,
         "reference_samples": study.reference_samples,
         "reference_every": study.reference_every,
     }
