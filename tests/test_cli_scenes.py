@@ -19,7 +19,9 @@ def few_scenes(monkeypatch):
     monkeypatch.setattr(definition.scenes, "study_set", lambda: dict(KNOWN))
     pipe = small.solids(movement=None)
     solids = {"fence": small.solids(), "pipe": pipe, "grey": small.NOISE}
-    monkeypatch.setattr(definition.scenes, "solid_set", lambda: solids, raising=False)
+    monkeypatch.setattr(definition.scenes, "solid_set", lambda: solids)
+    made = {name: lambda scene=scene: scene for name, scene in solids.items()}
+    monkeypatch.setattr(definition, "SOLIDS", made)
 
 
 @pytest.fixture

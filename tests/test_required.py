@@ -230,7 +230,8 @@ def test_no_antialiasing_on_solids_costs_what_colour_costs():
                 warmup=0,
                 metrics=metrics,
             )[0].metrics
-        )
+        ),
+        source,
     )
 
     def colours(source):

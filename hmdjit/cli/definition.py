@@ -15,6 +15,7 @@ from .. import _checks, _toml, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
+from ..scenes.solid_set import SOLIDS
 from ..scenes.solids import Solids
 from ..studies.definition import StudyScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
@@ -198,17 +199,19 @@ def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:
     known: dict[str, StudyScene] = dict(scenes.study_set())
     if not names:
         return known
-    if any(name not in known and not _is_picture(name) for name in names):
-        known = every_scene()
+    every = [*known, *(name for name in SOLIDS if name not in known)]
     chosen: dict[str, StudyScene] = {}
     for name in names:
-        is_file = name not in known and _is_picture(name)
+        is_file = name not in every and _is_picture(name)
         short = Path(name).stem if is_file else name
         if short in chosen:
             raise ValueError(f"scenes must differ in name, got {short} twice.")
         if not is_file:
-            _checks.one_of("scenes", name, known)
-        chosen[short] = scenes.Photograph.read(Path(name)) if is_file else known[name]
+            _checks.one_of("scenes", name, every)
+        if is_file:
+            chosen[short] = scenes.Photograph.read(Path(name))
+        else:
+            chosen[short] = known[name] if name in known else SOLIDS[name]()
     return chosen
 
 

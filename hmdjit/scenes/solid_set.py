@@ -287,12 +287,12 @@ def hairball_shadow(
     return Solids.of(ball, sun=None, background=(0.93, 0.92, 0.88), name=name)
 
 
-def solid_set() -> dict[str, AbstractScene]:
-    """Scenes that a study takes by name: eleven of solids, and two patterns.
+_MADE = (fence, hut, pipe, blinds, arched_window, wall_text, atrium, flowers)
+_MADE += (hairball, hairball_shadow, moving_sphere, honeycomb, checkerboard)
+SOLIDS = {make.__name__: make for make in _MADE}
+"""What makes each scene of `solid_set`, by name."""
 
-    **Errors:** `ImportError` without Pillow, which draws text.
-    """
-    made = (fence, hut, pipe, blinds, arched_window, wall_text, atrium, flowers)
-    made += (hairball, hairball_shadow, moving_sphere, honeycomb, checkerboard)
-    scenes: list[AbstractScene] = [make() for make in made]
-    return {scene.name: scene for scene in scenes}
+
+def solid_set() -> dict[str, AbstractScene]:
+    """Eleven scenes of solids, two patterns; `ImportError` without Pillow, for text."""
+    return {name: make() for name, make in SOLIDS.items()}
