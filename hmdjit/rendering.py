@@ -2,15 +2,12 @@
 
 from collections.abc import Collection
 
-import numpy as np
-from jaxtyping import Array, Float
-
 from ._types import Rgb, WholeNumber
 from .camera import Camera, Region
 from .frames.displacement import GATHER, Reading
 from .frames.frame import Frame
 from .frames.motion import Motion
-from .frames.sources import INSTEAD_OF_COLOR, AbstractSource, View
+from .frames.sources import INSTEAD_OF_COLOR, AbstractSource, Places, View
 
 COLOR = frozenset({"color"})
 
@@ -20,7 +17,7 @@ def render(
     camera: Camera,
     region: Region,
     motion: Motion,
-    samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+    samples_px: Places,
     *,
     frame: WholeNumber = 0,
     channels: Collection[str] = COLOR,

@@ -126,6 +126,10 @@ INSTEAD_OF_COLOR = frozenset({"supersampled", "multisampled"})
 """Channels that take the place of a frame's colour."""
 
 
+Places = Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"]
+"""Samples' places from the pixel centre, px: NumPy where a program knows them."""
+
+
 class View(eqx.Module):
     """From where a region is seen.
 
@@ -157,7 +161,7 @@ class AbstractSource(eqx.Module):
     def seen(
         self,
         view: View,
-        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        samples_px: Places,
         channels: Collection[str],
     ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Planes of the channels asked for, at points of each pixel of a region.

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Shaped
 
 from .. import _checks, camera_bounds
 from .._types import Picture, Rgb
@@ -16,7 +16,7 @@ from .displacement import Displacement
 from .frame import CHANNELS
 from .motion import Motion
 from .resampling import Texels
-from .sources import AbstractSource, View
+from .sources import AbstractSource, Places, View
 
 _OF_A_PICTURE = {"depth": jnp.inf, "object_id": 0, "motion_class": 0, "coverage": 0}
 PICTURE = frozenset({"color", "supersampled", "albedo", "velocity", *_OF_A_PICTURE})
@@ -104,7 +104,7 @@ class Texture(AbstractSource):
     def seen(
         self,
         view: View,
-        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        samples_px: Places,
         channels: Collection[str],
     ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Read a picture: it is as far away as can be, so only rotation counts."""

@@ -18,7 +18,7 @@ from .._types import Numbers, Rgb, Scalar
 from ..camera import Camera, Region
 from ..frames.frame import MOTION_CLASSES as _CLASSES
 from ..frames.motion import Motion
-from ..frames.sources import AbstractSource, View
+from ..frames.sources import AbstractSource, Places, View
 from ..frames.velocity import against_object
 from . import primitives, solid_channels, surfaces
 from .base import AbstractScene, Colors, Directions
@@ -130,7 +130,7 @@ class Solids(AbstractScene, AbstractSource):
     def seen(
         self,
         view: View,
-        samples_px: Float[np.ndarray, "samples 2"] | Float[Array, "samples 2"],
+        samples_px: Places,
         channels: Collection[str],
     ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Cast a ray through each sample of each pixel."""
