@@ -25,7 +25,7 @@ LINES = [
     ("head_motion",),
     ("head_fitting",),
     ("frames",),
-    ("reprojection", "blending", "neighborhood", "edges"),
+    ("reprojection", "blending", "filters"),
     ("scenes",),
     ("rendering",),
     ("metrics",),
@@ -78,6 +78,7 @@ FOLDERS = {
         ("solids",),
         ("solid_set", "study_set"),
     ],
+    "filters": [("neighborhood",), ("edges",), ("*",)],  # of what lies around a pixel
     "metrics": [("base",), ("*",)],
     "techniques": [
         ("small_motion",),

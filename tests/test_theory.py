@@ -477,7 +477,7 @@ def test_slopes_of_hardly_moved_pictures_are_numbers_in_float32():
     ("technique", "reason"),
     [
         (SSAA(2), "ssaa2 has no small-motion theory"),
-        (SSAA(4, space="gamma"), "ssaa4 has no"),
+        (SSAA(4, space="gamma"), "ssaa4_gamma has no"),
         (HeadMovement(resolve=SSAA(2)), r"head_movement\+ssaa2 has no"),
         (HeadMovement(space="linear"), "only RGB distances of gamma"),
         (HeadMovement(difference="max_channel"), "only RGB distances of gamma"),

@@ -1,4 +1,7 @@
-"""Techniques by their ids."""
+"""Techniques by their ids.
+
+An id is the family's name and what is not its default, such as `ssaa2_gamma`.
+"""
 
 import dataclasses
 import difflib
@@ -6,7 +9,7 @@ import re
 
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from . import curve_file
-from .base import AbstractSpatial, AbstractTechnique
+from .base import SPACES, AbstractSpatial, AbstractTechnique
 from .freeze import Freeze
 from .head_movement import HeadMovement
 from .spatial import MSAA, SSAA, NoAntialiasing
@@ -18,8 +21,17 @@ IDS = (
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
     "head_movement",
 )
-"""Ids that `by_id` knows; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
+"""Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
 `head_movement:curve.toml` reads a file."""
+
+_NAMED: dict[str, AbstractTechnique] = {
+    technique.id: technique
+    for technique in (
+        NoAntialiasing(),
+        Freeze(),
+        *(MSAA(n, space) for n in MULTISAMPLE_COUNTS for space in SPACES),
+    )
+}
 
 
 def by_id(id: str) -> AbstractTechnique:
@@ -40,13 +52,10 @@ def by_id(id: str) -> AbstractTechnique:
             plain = HeadMovement() if path is None else curve_file.read(path)
             return dataclasses.replace(plain, resolve=spatial)
     elif path is None and resolve is None:
-        if name == "none":
-            return NoAntialiasing()
-        if name == "freeze":
-            return Freeze()
-        if match := re.fullmatch(r"(msaa|ssaa)([1-9]\d?)", name):
-            family = {"msaa": MSAA, "ssaa": SSAA}[match[1]]
-            return family(int(match[2]))
+        if name in _NAMED:
+            return _NAMED[name]
+        if match := re.fullmatch(r"ssaa([1-9]\d?)(?:_(gamma))?", name):
+            return SSAA(int(match[1]), match[2] or "linear")
     near = difflib.get_close_matches(id, IDS, n=1)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     raise ValueError(f"technique must be one of {', '.join(IDS)}, got {id!r}.{hint}")

@@ -54,8 +54,8 @@ class SSAA(_OwnSamples):
 
     @property
     def id(self) -> str:
-        """`ssaa4`, with the factor."""
-        return f"ssaa{self.factor}"
+        """`ssaa4`, with the factor, and `_gamma` where that is the space."""
+        return f"ssaa{self.factor}" + "_gamma" * (self.space == "gamma")
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -92,8 +92,8 @@ class MSAA(_OwnSamples):
 
     @property
     def id(self) -> str:
-        """`msaa4`, with the number of samples."""
-        return f"msaa{self.samples}"
+        """`msaa4`, with the number of samples; `_gamma` where that is the space."""
+        return f"msaa{self.samples}" + "_gamma" * (self.space == "gamma")
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
