@@ -405,6 +405,17 @@ def test_the_first_row_can_be_named(run, frames, tmp_path):
     assert "poses.csv: must reach the last frame's row, 17, has 16" in message
 
 
+def test_a_damaged_row_moves_no_frame_to_another_pose(run, frames, tmp_path):
+    poses = longer(tmp_path / "poses.csv", before=5, after=5)
+    lines = poses.read_text().splitlines()
+    lines[10] = lines[10].replace(",", ",,", 1)
+    poses.write_text("\n".join(lines))
+    printed = run("none", frames, poses, "--first-row", 6, "--skip-damaged")
+    assert "of 18 rows" in printed
+    assert "Poses of the frames' times, " in printed
+    assert "Warning" not in printed
+
+
 def test_a_log_at_another_rate_is_read_by_time(run, frames, tmp_path):
     heads = Rotation.from_quat(poses_of(), scalar_first=True)
     end_s = (COUNT - 1) / RATE

@@ -228,7 +228,9 @@ class ApplyCommand(ChannelFolders, PoseLog):
             return Camera(*size, fov_deg, rate_hz), None
         trace = self.read_trace(self.poses)
         notes = trace.notes
-        trace = aligned(trace, frames, self.first_row, self.refresh)
+        trace = aligned(
+            trace, frames, self.first_row, self.refresh, lacks_rows=self.skip_damaged
+        )
         rate_hz, rate = trace.rate_hz, "of the poses"
         if self.refresh is not None:
             rate = f"as given; of the poses {rate_hz:.2f} Hz"

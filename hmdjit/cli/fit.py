@@ -202,8 +202,8 @@ def _about(
 
 def _footer(about: dict[str, Any]) -> str:
     return (
-        f"Fitted to {', '.join(about['scenes'])}; head {about['head']}; camera "
-        f"{camera_words(about)}; {about['sessions']} sessions of "
+        f"Fitted to {', '.join(about['scenes'])}; head {about['head']}, taken as "
+        f"known; camera {camera_words(about)}; {about['sessions']} sessions of "
         f"{frames_words(about)}."
     )
 

@@ -27,11 +27,14 @@ def aligned(
     frames: FrameFiles,
     first_row: int | None = None,
     refresh_hz: float | None = None,
+    *,
+    lacks_rows: bool = False,
 ) -> Trace:
     """Return a pose per frame.
 
     - From `first_row` on, from 1: row by row, or by time where frames are named by
-      times or `refresh_hz` is not the log's rate within 2 %.
+      times, `refresh_hz` is not the log's rate within 2 %, or the log lacks rows, which
+      do not count then.
     - By time, if frames are named by times within the log: s, us or ns, 0.5 ms to 0.2 s
       apart. Logs in other units than s count from their first row. Of as many rows as
       frames each must lie within half a frame of its frame.
@@ -54,8 +57,9 @@ def aligned(
         start, row = first_row - 1, np.array(places or range(count))
         if is_timed:
             return _at(trace, trace.t_s[start] + times - times[0])
-        if refresh_hz and abs(refresh_hz / trace.rate_hz - 1) > 0.02:
-            return _at(trace, trace.t_s[start] + row / refresh_hz)
+        rate_hz = refresh_hz or trace.rate_hz
+        if lacks_rows or abs(rate_hz / trace.rate_hz - 1) > 0.02:
+            return _at(trace, trace.t_s[start] + row / rate_hz)
         row = start + row
     elif rows == count and not (is_timed and np.allclose(times, trace.t_s, 0, half_s)):
         row = np.arange(count)

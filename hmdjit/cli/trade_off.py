@@ -198,7 +198,7 @@ def _print_choice(chosen: Choice, console: rich.console.Console) -> None:
     console.out(
         f"Sessions: {chosen.sessions:,}. Expected: {chosen.seconds:.3g} s of running "
         f"per scene, after about {compile_s:.0f} s to compile and bake; error below "
-        f"{100 * chosen.error:.2g} % of MTCD (95 %)."
+        f"{100 * chosen.error:.2g} % of MTCD (95 %, given the head)."
     )
     for row in chosen.rows:
         bias, error = (100 * x / row.reference_mtcd for x in (row.bias, row.bias_se))

@@ -31,6 +31,7 @@ def explanation(found: Sensitivities) -> str:
         f"R = {ratio.value:.4f} [{ratio.low:.4f}, {ratio.high:.4f}], {found.about}.\n"
         "d ln R / d ln p: by how many percent R changes if p grows by 1 %; `per`: "
         "d ln R / dp of a p that is not positive. Numbers per axis are pitch, yaw, "
-        "roll. The picture is fixed in display pixels. 95 % intervals over sessions "
-        f"({found.method}), each parameter on its own; `unclear` contains 0."
+        "roll. The picture is fixed in display pixels. 95 % intervals over sessions, "
+        f"given the head ({found.method}), each parameter on its own; `unclear` "
+        "contains 0."
     )
