@@ -70,7 +70,7 @@ def _quickly():
     """Optimising a program takes longer than all the rest of a test."""
     measure: Any = derivatives._differentiated
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(devices, "compiler_options", lambda: QUICKLY)
+        patch.setattr(devices, "compiler_options", lambda *_: QUICKLY)
         measure.__dict__.pop("jitted", None)
         yield
     measure.__dict__.pop("jitted", None)
