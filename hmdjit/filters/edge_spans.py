@@ -46,7 +46,8 @@ def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Plane:
     rim = (reach, 1) if axis == -1 else (1, reach)
     one, other = _pairs(neighborhood.padded(luma, *rim), -3 - axis)
     pixels = (one + other) / 2
-    halves = sum(_pairs(pixels, axis)) / 2
+    one_half, other_half = _pairs(pixels, axis)
+    halves = (one_half + other_half) / 2
 
     def read(along_px: float) -> Plane:
         whole = math.floor(along_px)
