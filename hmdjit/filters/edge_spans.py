@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
 from .._types import Plane
 from . import neighborhood
+
+Boundaries = Float[Array, "rows columns"]
 
 TIE = 1e-5
 """Luma that decides nothing: comparisons as close as this count as equal."""
@@ -19,7 +22,7 @@ def reach_px(steps_px: Sequence[float]) -> int:
     return math.ceil(sum(steps_px[:-1]))
 
 
-def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Plane:
+def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Boundaries:
     """Search all boundaries between pixels in both directions: how far to move across.
 
     A boundary's luma is the mean of the pixels on both sides of it, for which it is
@@ -49,7 +52,7 @@ def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Plane:
     one_half, other_half = _pairs(pixels, axis)
     halves = (one_half + other_half) / 2
 
-    def read(along_px: float) -> Plane:
+    def read(along_px: float) -> Boundaries:
         whole = math.floor(along_px)
         planes = pixels if whole == along_px else halves
         return _part(planes, axis, reach + whole, size)
@@ -58,7 +61,7 @@ def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Plane:
     step = jnp.abs(_part(one, axis, reach, size) - _part(other, axis, reach, size))
     enough = step / 4 - TIE
 
-    def search(sign: int) -> tuple[Plane, Plane]:
+    def search(sign: int) -> tuple[Boundaries, Boundaries]:
         distance_px = jnp.full_like(middle, sum(steps_px))
         change = read(sign * reads_px[-1]) - middle
         for along_px in reversed(reads_px):  # the nearest end is the last to be written
@@ -76,11 +79,11 @@ def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Plane:
     return jnp.where(change < -TIE, -offset, offset) / total_px
 
 
-def _pairs(plane: Plane, axis: int) -> tuple[Plane, Plane]:
+def _pairs(plane: Array, axis: int) -> tuple[Array, Array]:
     """Return all but the last, and all but the first, along an axis."""
     size = plane.shape[axis] - 1
     return _part(plane, axis, 0, size), _part(plane, axis, 1, size)
 
 
-def _part(plane: Plane, axis: int, start: int, size: int) -> Plane:
+def _part(plane: Array, axis: int, start: int, size: int) -> Array:
     return lax.slice_in_dim(plane, start, start + size, axis=axis)

@@ -18,7 +18,7 @@ Reader = Callable[[int, int], AnyPlanes]
 
 
 def shifted(
-    planes: AnyPlanes, dx: int, dy: int, outside: float | None = None
+    planes: AnyPlanes, dx: int, dy: int, outside: float | bool | None = None
 ) -> AnyPlanes:
     """Planes read `dx` px to the right and `dy` px down of each pixel.
 
@@ -33,7 +33,9 @@ def shifted(
     return _shifted(_shifted(planes, dx, -1, outside), dy, -2, outside)
 
 
-def _shifted(planes: AnyPlanes, by: int, axis: int, outside: float | None) -> AnyPlanes:
+def _shifted(
+    planes: AnyPlanes, by: int, axis: int, outside: float | bool | None
+) -> AnyPlanes:
     size = planes.shape[axis]
     by = max(-size, min(by, size))
     if by == 0:
@@ -63,7 +65,9 @@ def around(planes: AnyPlanes, radius_px: int) -> Reader:
     return at
 
 
-def padded(planes: AnyPlanes, columns_px: int, rows_px: int) -> AnyPlanes:
+def padded(
+    planes: AnyPlanes, columns_px: int, rows_px: int
+) -> Shaped[Array, "*planes rows columns"]:
     """Repeat the edge pixels: columns to the left and right, rows above and below."""
     widths = [(0, 0)] * (planes.ndim - 2) + [(rows_px,) * 2, (columns_px,) * 2]
     return jnp.pad(planes, widths, mode="edge")
