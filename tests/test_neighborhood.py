@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from small import quickly
 
 from hmdjit.filters import neighborhood
 
@@ -76,7 +77,7 @@ def test_neighborhoods_are_differentiable_in_batches_and_keep_their_floats(rng):
         sharp = neighborhood.sharpened(neighborhood.box_mean(planes), 0.25)
         return neighborhood.plus_mean(sharp) + neighborhood.shifted(planes, 1, -1)
 
-    check_grads(all_of_them, (planes,), order=1, modes=["rev"])
-    batch = jax.vmap(all_of_them)(planes[:, None])
+    check_grads(jax.jit(all_of_them), (planes,), order=1, modes=["rev"])
+    batch = quickly(jax.vmap(all_of_them))(planes[:, None])
     np.testing.assert_allclose(batch[:, 0], all_of_them(planes), rtol=1e-14)
     assert all_of_them(planes.astype(jnp.float32)).dtype == jnp.float32

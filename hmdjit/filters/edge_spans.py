@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from .._types import Plane
 from . import neighborhood
+from .neighborhood import FloatPlanes
 
-Boundaries = Float[Array, "rows columns"]
+Boundaries = Float[Array, "*planes rows columns"]
 
 TIE = 1e-5
 """Luma that decides nothing: comparisons as close as this count as equal."""
@@ -22,7 +22,7 @@ def reach_px(steps_px: Sequence[float]) -> int:
     return math.ceil(sum(steps_px[:-1]))
 
 
-def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Boundaries:
+def towards_ends(luma: FloatPlanes, axis: int, steps_px: Sequence[float]) -> Boundaries:
     """Search all boundaries between pixels in both directions: how far to move across.
 
     A boundary's luma is the mean of the pixels on both sides of it, for which it is
@@ -57,7 +57,7 @@ def towards_ends(luma: Plane, axis: int, steps_px: Sequence[float]) -> Boundarie
         planes = pixels if whole == along_px else halves
         return _part(planes, axis, reach + whole, size)
 
-    middle = read(0)
+    middle = read(0.0)
     step = jnp.abs(_part(one, axis, reach, size) - _part(other, axis, reach, size))
     enough = step / 4 - TIE
 

@@ -222,7 +222,7 @@ class MotionBlur(AbstractStage):
             read = resampling.bilinear(
                 picture[None, None], columns, rows, along * dx, along * dy
             )
-            return total + jnp.where(i < taps, read, 0)
+            return total + jnp.where((i < taps)[None], read, 0)
 
         def tap(total: Rgb, i: Array) -> tuple[Rgb, None]:
             if frame.reading.sampler == "plain":  # see `sources.read`
@@ -232,7 +232,7 @@ class MotionBlur(AbstractStage):
 
         others = jnp.arange(1, self.most_taps, dtype=jnp.int32)
         total, _ = jax.lax.scan(tap, picture, others)
-        return total / taps
+        return total / taps[None]
 
 
 def _length(dx: Plane, dy: Plane) -> Plane:

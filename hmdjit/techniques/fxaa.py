@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
 from .. import _checks, color
-from .._types import Mask, Plane, Rgb
+from .._types import Rgb
 from ..filters import edge_spans, neighborhood
 from ..filters.edge_spans import TIE
 from ..filters.neighborhood import Reader
@@ -17,6 +17,7 @@ from .base import SPACES, AbstractSpatial
 from .small_motion import AsRendered
 
 Sides = tuple[Array, Array]
+Gray = Float[Array, "1 height width"]
 
 
 class _Preset(NamedTuple):
@@ -108,7 +109,9 @@ class FXAA(AbstractSpatial):
         level, upright = (
             edge_spans.towards_ends(luma, axis, preset.steps_px) for axis in (-1, -2)
         )
-        shift = across((level[:-1], level[1:]), (upright[:, :-1], upright[:, 1:]))
+        rows = level[:, :-1], level[:, 1:]
+        columns = upright[..., :-1], upright[..., 1:]
+        shift = across(rows, columns)
         is_darker = (luma - across.read(at)) / 2 < -TIE  # than their mean
         offset = jnp.where((shift < 0) != is_darker, jnp.abs(shift), 0)
         # Where there is no edge, nothing is shown of what follows.
@@ -133,8 +136,8 @@ class _Across(eqx.Module):
     - `is_first`: whether above or to the left.
     """
 
-    is_level: Mask
-    is_first: Mask
+    is_level: Bool[Array, "1 height width"]
+    is_first: Bool[Array, "1 height width"]
 
     def __call__(self, level: Sides, upright: Sides) -> Array:
         """Choose between what lies above and below, and to the left and right."""
@@ -148,16 +151,16 @@ class _Across(eqx.Module):
         return self((at(0, -1), at(0, 1)), (at(-1, 0), at(1, 0)))
 
 
-def _luma_of_white_paper(gamma: Rgb) -> Plane:
+def _luma_of_white_paper(gamma: Rgb) -> Gray:
     """Red, and green as often as luma has more of it; up to 2.963211."""
-    return gamma[0] + 1.963211 * gamma[1]
+    return gamma[:1] + 1.963211 * gamma[1:2]
 
 
-def _luma(gamma: Rgb) -> Plane:
-    return 0.299 * gamma[0] + 0.587 * gamma[1] + 0.114 * gamma[2]
+def _luma(gamma: Rgb) -> Gray:
+    return 0.299 * gamma[:1] + 0.587 * gamma[1:2] + 0.114 * gamma[2:]
 
 
-def _bend_of_columns(at: Reader) -> Plane:
+def _bend_of_columns(at: Reader) -> Gray:
     """How far the three columns of a box are from ramps, the middle one twice."""
     left, middle, right = (
         jnp.abs((at(dx, -1) + at(dx, 1)) - 2 * at(dx, 0)) for dx in (-1, 0, 1)
@@ -165,21 +168,21 @@ def _bend_of_columns(at: Reader) -> Plane:
     return (left + right) + 2 * middle
 
 
-def _bend_of_rows(at: Reader) -> Plane:
+def _bend_of_rows(at: Reader) -> Gray:
     return _bend_of_columns(lambda dy, dx: at(dx, dy))
 
 
-def _neighbor_sum(at: Reader) -> Plane:
+def _neighbor_sum(at: Reader) -> Gray:
     return (at(0, -1) + at(0, 1)) + (at(-1, 0) + at(1, 0))
 
 
-def _subpixel_share(at: Reader, contrast: Plane) -> Plane:
+def _subpixel_share(at: Reader, contrast: Gray) -> Gray:
     """How much of the box's mean the white paper shows, up to 3/4."""
     share = jnp.abs(_neighbor_sum(at) / 4 - at(0, 0)) / contrast
     return jnp.clip((share - 1 / 4) * (4 / 3), 0, 3 / 4)
 
 
-def _subpixel_offset(at: Reader, contrast: Plane) -> Plane:
+def _subpixel_offset(at: Reader, contrast: Gray) -> Gray:
     """How far version 3.11 moves across where a pixel stands out, px."""
     corners = (at(-1, -1) + at(1, -1)) + (at(-1, 1) + at(1, 1))
     apart = jnp.abs((2 * _neighbor_sum(at) + corners) / 12 - at(0, 0)) / contrast
