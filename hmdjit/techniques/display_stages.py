@@ -86,6 +86,12 @@ class Displayed(AbstractTechnique):
         radius_px = self.technique.stencil_radius_px
         return None if radius_px is None else radius_px + self.stage.stencil_radius_px
 
+    @property
+    def history_radius_px(self) -> int | None:
+        """The technique's: the stage is no part of the history."""
+        radius_px = self.technique.history_radius_px
+        return self.technique.stencil_radius_px if radius_px is None else radius_px
+
     def init(self, frame: Frame) -> State:
         """Start the technique."""
         return self.technique.init(frame)
@@ -103,7 +109,7 @@ class Displayed(AbstractTechnique):
     def history_gain(
         self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
     ) -> Float[np.ndarray, "*sessions frames"]:
-        """Return the technique's: the stage is no part of the history."""
+        """Return the technique's."""
         return self.technique.history_gain(speed_deg_s)
 
     @property
@@ -218,7 +224,7 @@ class MotionBlur(AbstractStage):
         rows = jnp.arange(region.height, dtype=jnp.int32)[:, None]
 
         def add(total: Rgb, i: Array) -> Rgb:
-            along = i.astype(dtype) * spacing - 0.5
+            along = i * spacing - 0.5
             read = resampling.bilinear(
                 picture[None, None], columns, rows, along * dx, along * dy
             )
@@ -227,10 +233,10 @@ class MotionBlur(AbstractStage):
         def tap(total: Rgb, i: Array) -> tuple[Rgb, None]:
             if frame.reading.sampler == "plain":  # see `sources.read`
                 return add(total, i), None
-            is_used = i.astype(dtype) < jnp.max(taps)
+            is_used = i < jnp.max(taps)
             return jax.lax.cond(is_used, add, lambda total, _: total, total, i), None
 
-        others = jnp.arange(1, self.most_taps, dtype=jnp.int32)
+        others = jnp.arange(1, self.most_taps, dtype=dtype)
         total, _ = jax.lax.scan(tap, picture, others)
         return total / taps[None]
 
