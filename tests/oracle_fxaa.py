@@ -98,7 +98,7 @@ class Pixel:
     def walk(self, across, sign, average, enough, steps):
         """Distance and luma less the average, of one end."""
         along = (abs(across[1]) * sign, abs(across[0]) * sign)
-        distance = 0
+        distance, change = 0, 0.0
         for step in steps[:-1]:
             distance += step
             x = self.x + across[0] / 2 + along[0] * distance

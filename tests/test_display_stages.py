@@ -22,6 +22,7 @@ from small import (
 
 import hmdjit as hj
 from hmdjit.filters import neighborhood
+from hmdjit.frames.displacement import Reading
 from hmdjit.frames.sources import History
 from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
@@ -154,7 +155,7 @@ def test_a_still_head_sees_no_blur_and_a_turning_one_sees_it_by_its_speed(rng):
 
 def test_motion_blur_is_differentiable_at_rest_and_in_motion(rng):
     picture = jnp.asarray(rng.random((3, HEIGHT, WIDTH)))
-    plain = hj.frames.displacement.Reading("plain")
+    plain = Reading("plain")
 
     def total(picture, velocity):
         frame = dataclasses.replace(frame_of(picture, velocity), reading=plain)
