@@ -14,7 +14,6 @@ from small import quickly
 
 import hmdjit as hj
 from hmdjit.techniques import FXAA
-from hmdjit.techniques.check import check_hints
 
 CAMERA = hj.Camera(SIZE_PX, SIZE_PX, 40.0, 60.0)
 PRESETS = ("white_paper", "10", "12", "15", "29", "39")
@@ -157,18 +156,6 @@ def test_derivatives_are_those_of_colours_and_shares(rng, preset):
 
 def test_it_keeps_the_laws_of_techniques():
     hj.techniques.check(FXAA("10"))
-    with pytest.raises(
-        ValueError, match="stencil_radius_px of fxaa10 must be at least"
-    ):
-        check_hints(NearSighted("10"))
-
-
-class NearSighted(FXAA):
-    """Says that it reads its neighbours only."""
-
-    @property
-    def stencil_radius_px(self):
-        return 1
 
 
 def test_ids_say_what_is_not_the_default_and_choices_are_checked():

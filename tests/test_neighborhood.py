@@ -79,5 +79,6 @@ def test_neighborhoods_are_differentiable_in_batches_and_keep_their_floats(rng):
 
     check_grads(jax.jit(all_of_them), (planes,), order=1, modes=["rev"])
     batch = quickly(jax.vmap(all_of_them))(planes[:, None])
-    np.testing.assert_allclose(batch[:, 0], all_of_them(planes), rtol=1e-14)
-    assert all_of_them(planes.astype(jnp.float32)).dtype == jnp.float32
+    np.testing.assert_allclose(batch[:, 0], jax.jit(all_of_them)(planes), rtol=1e-14)
+    shape = jax.eval_shape(all_of_them, planes.astype(jnp.float32))
+    assert shape.dtype == jnp.float32
