@@ -154,6 +154,7 @@ def test_derivatives_are_those_of_colours_and_shares(rng, preset):
     assert jnp.isfinite(quickly(jax.grad(total))(0 * image)).all()
 
 
+@pytest.mark.slow
 def test_it_keeps_the_laws_of_techniques():
     hj.techniques.check(FXAA("10"))
 
