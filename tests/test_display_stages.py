@@ -17,7 +17,6 @@ from small import (
     path,
     quickly,
     study,
-    texture,
 )
 
 import hmdjit as hj
@@ -223,17 +222,6 @@ def test_a_study_by_tiles_is_that_of_the_whole_frame():
         for measure in (Tiles(16, 16), WholeFrame())
     )
     np.testing.assert_allclose(tiles, whole, rtol=2e-5)
-
-
-@pytest.mark.slow
-def test_a_session_shows_what_its_stage_makes_of_a_picture(rng):
-    technique = Displayed(FXAA("10"), Sharpening("xu"))
-    scene, poses = texture(rng), path(rng)
-    plain, staged = (
-        float(hj.simulate(scene, CAMERA, t, poses).mtcd)
-        for t in (technique.technique, technique)
-    )
-    assert staged > 1.05 * plain > 0
 
 
 def test_ids_stack():
