@@ -108,7 +108,8 @@ def needed_halo_px(
     increment = np.asarray(motion.increment)
     speed = np.linalg.norm(increment, axis=-1)
     speed_deg_s = np.degrees(speed) * float(camera.refresh_hz)
-    stencil = stencil_radius_px(technique)
+    stencil, around = stencil_radius_px(technique), technique.history_radius_px
+    around = stencil if around is None else around
     gain = technique.history_gain(speed_deg_s)
 
     def halo(around_px: int) -> Int[np.ndarray, " sessions"]:
@@ -119,7 +120,7 @@ def needed_halo_px(
             return np.full(count, stencil)
         # Errors in the current frame's edge come in as well, once.
         tolerance = HALO_TOLERANCE / technique.display_slope
-        return stencil + required_halo_px(inwards + stencil, gain, tolerance=tolerance)
+        return stencil + required_halo_px(inwards + around, gain, tolerance=tolerance)
 
     needed = halo(_NEAR_PX)
     if np.any(needed > _NEAR_PX):

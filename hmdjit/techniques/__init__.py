@@ -8,7 +8,12 @@ from . import curve_file as curve_file
 from .base import AbstractSpatial as AbstractSpatial
 from .base import AbstractTechnique as AbstractTechnique
 from .check import check as check
+from .display_stages import AbstractStage as AbstractStage
+from .display_stages import Displayed as Displayed
+from .display_stages import MotionBlur as MotionBlur
+from .display_stages import Sharpening as Sharpening
 from .freeze import Freeze as Freeze
+from .fxaa import FXAA as FXAA
 from .head_movement import HeadMovement as HeadMovement
 from .registry import IDS as IDS
 from .registry import by_id as by_id

@@ -78,6 +78,14 @@ class AbstractTechnique(eqx.Module):
         """
         return None
 
+    @property
+    def history_radius_px(self) -> int | None:
+        """How far around the pixels that are read of it the history counts for itself.
+
+        What is kept, not what is shown. None is the stencil.
+        """
+        return None
+
     def history_gain(
         self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
     ) -> Float[np.ndarray, "*sessions frames"]:

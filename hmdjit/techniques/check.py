@@ -82,7 +82,8 @@ def _found_once(technique: AbstractTechnique) -> int:
     return _found_stencil_px(technique)
 
 
-def _found_stencil_px(technique: AbstractTechnique) -> int:
+def _found_stencil_px(technique: AbstractTechnique, *, of_history: bool = False) -> int:
+    """Return what is found; `of_history`: by what is kept of a changed state alone."""
     if technique.needs - {"color"}:
         raise ValueError(
             f"stencil_radius_px of {technique.id} must be a whole number, for it needs "
@@ -90,25 +91,29 @@ def _found_stencil_px(technique: AbstractTechnique) -> int:
         )
     middle = _SIZE_PX // 2
 
+    def step(state: State, frame: Frame, motion: Motion) -> Any:
+        kept, shown = technique.step(state, frame, motion)
+        return kept if of_history else (kept, shown)
+
     @jax.jit
     def after(state: State, color: Samples, motion: Motion) -> Array:
-        return _planes(technique.step(state, _frame(color), motion))
+        return _planes(step(state, _frame(color), motion))
 
     still = _turn(0.0)
     at_rest = jax.jit(
-        lambda state, color: _planes(
-            technique.step(state, _frame(color, AT_REST), still)
-        )
+        lambda state, color: _planes(step(state, _frame(color, AT_REST), still))
     )
     farthest = 0
     for seed, value in enumerate([np.nan, 0.0, 1.0, 0.5]):
         before = technique.init(_frame(_samples(technique, seed)))
         color = _samples(technique, seed + _TRIALS)
         spoiled = color.at[..., middle, middle].set(value)
-        pairs = [(at_rest(before, color), at_rest(before, spoiled))]
+        pairs = []
+        if not of_history:
+            pairs.append((at_rest(before, color), at_rest(before, spoiled)))
         for other in _states_changed_at(before, middle, value):
             pairs.append((at_rest(before, color), at_rest(other, color)))
-        for turn in map(_turn, _TURNS_RAD[1:]):
+        for turn in [] if of_history else map(_turn, _TURNS_RAD[1:]):
             pairs.append((after(before, color, turn), after(before, spoiled, turn)))
         for usual, found in (map(np.asarray, pair) for pair in pairs):
             is_same = (found == usual) | (np.isnan(found) & np.isnan(usual))
@@ -172,6 +177,16 @@ def _check_hints(technique: AbstractTechnique) -> None:
             f"stencil_radius_px of {name} must be at least {found}, the distance at "
             f"which a pixel was seen to count, got {said}."
         )
+    around = technique.history_radius_px
+    if around is not None and jax.tree.leaves(
+        technique.init(_frame(_samples(technique, 0)))
+    ):
+        found = _found_stencil_px(technique, of_history=True)
+        if found > around:
+            raise ValueError(
+                f"history_radius_px of {name} must be at least {found}, the distance "
+                f"at which a kept pixel was seen to count, got {around}."
+            )
     if _is_said(technique, "history_gain") or _is_said(technique, "display_slope"):
         _check_gain(technique)
     alike = technique.on_pictures()

@@ -133,8 +133,13 @@ class HeadMovement(AbstractTechnique):
 
     @property
     def stencil_radius_px(self) -> int | None:
-        """Radius of `resolve`; the past is read where it was shown."""
+        """Radius of `resolve`."""
         return 0 if self.resolve is None else self.resolve.stencil_radius_px
+
+    @property
+    def history_radius_px(self) -> int:
+        """The past is read where it was shown."""
+        return 0
 
     def _current(self, frame: Frame) -> Rgb:
         gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]

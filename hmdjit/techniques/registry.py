@@ -10,7 +10,9 @@ import re
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from . import curve_file
 from .base import SPACES, AbstractSpatial, AbstractTechnique
+from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
 from .freeze import Freeze
+from .fxaa import FXAA, PRESETS
 from .head_movement import HeadMovement
 from .spatial import MSAA, SSAA, NoAntialiasing
 
@@ -19,10 +21,13 @@ IDS = (
     "freeze",
     *(f"msaa{n}" for n in MULTISAMPLE_COUNTS[1:]),
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
+    "fxaa",
+    "fxaa39",
     "head_movement",
 )
 """Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
-`head_movement:curve.toml` reads a file."""
+`head_movement:curve.toml` reads a file; `fxaa` takes the presets and `_linear`. Behind
+any stands a stage of display, `none+sharpen`."""
 
 _NAMED: dict[str, AbstractTechnique] = {
     technique.id: technique
@@ -30,7 +35,12 @@ _NAMED: dict[str, AbstractTechnique] = {
         NoAntialiasing(),
         Freeze(),
         *(MSAA(n, space) for n in MULTISAMPLE_COUNTS for space in SPACES),
+        *(FXAA(preset, space) for preset in PRESETS for space in SPACES),
     )
+}
+
+_STAGES: dict[str, AbstractStage] = {
+    stage.id: stage for stage in (Sharpening(), Sharpening("xu"), MotionBlur())
 }
 
 
@@ -38,11 +48,15 @@ def by_id(id: str) -> AbstractTechnique:
     """Technique of an id such as `none`, `msaa4`, `ssaa2`, `head_movement+ssaa2`.
 
     `head_movement:curve.toml` and `head_movement:curve.toml+ssaa2` read a file (see
-    `curve_file`), whose name becomes the label.
+    `curve_file`), whose name becomes the label. `+sharpen`, `+sharpen_xu` and
+    `+motion_blur` behind a technique are stages of display.
 
     **Errors:** `ValueError` naming the known ids, with the nearest as a suggestion, or
     the file and what is wrong with it.
     """
+    before, plus, stage = id.rpartition("+")
+    if plus and stage in _STAGES:
+        return Displayed(by_id(before), _STAGES[stage])
     # A path may have a plus of its own, before a slash or a dot.
     found = re.fullmatch(r"([^:+]*)(?::(.+?))?(?:\+(\w*))?", id)
     name, path, resolve = found.groups() if found else (id, None, None)
