@@ -10,6 +10,8 @@ from .base import AbstractTechnique as AbstractTechnique
 from .check import check as check
 from .freeze import Freeze as Freeze
 from .head_movement import HeadMovement as HeadMovement
+from .morphological import MLAA as MLAA
+from .morphological import SMAA as SMAA
 from .registry import IDS as IDS
 from .registry import by_id as by_id
 from .spatial import MSAA as MSAA

@@ -6,12 +6,14 @@ An id is the family's name and what is not its default, such as `ssaa2_gamma`.
 import dataclasses
 import difflib
 import re
+from itertools import product
 
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from . import curve_file
 from .base import SPACES, AbstractSpatial, AbstractTechnique
 from .freeze import Freeze
 from .head_movement import HeadMovement
+from .morphological import EDGES, MLAA, PRESETS, SMAA
 from .spatial import MSAA, SSAA, NoAntialiasing
 
 IDS = (
@@ -19,6 +21,8 @@ IDS = (
     "freeze",
     *(f"msaa{n}" for n in MULTISAMPLE_COUNTS[1:]),
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
+    "mlaa",
+    *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
 )
 """Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
@@ -30,6 +34,8 @@ _NAMED: dict[str, AbstractTechnique] = {
         NoAntialiasing(),
         Freeze(),
         *(MSAA(n, space) for n in MULTISAMPLE_COUNTS for space in SPACES),
+        *map(MLAA, SPACES),
+        *(SMAA(*choices) for choices in product(PRESETS, EDGES, SPACES)),
     )
 }
 
