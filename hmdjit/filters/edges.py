@@ -7,15 +7,15 @@ Walks go by doubling over whole planes: where a walk ends does not depend on whe
 starts, so what is known of `2^k` steps gives what there is of `2^(k+1)`.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from .. import color
 from .._types import Mask, Plane, Rgb
-from .neighborhood import shifted
 
 TIE = 1e-5
 """Decisions that are nearer than this count as equal, in single precision too."""
@@ -44,28 +44,46 @@ def flags(
     Eurographics 2012, section 4.1.
     """
     seen = color.luma(gamma)[None] if by == "luma" else gamma
-    from_left, from_top = _difference(seen, -1, 0), _difference(seen, 0, -1)
-    sides = [from_left, shifted(from_left, 1, 0), from_top, shifted(from_top, 0, 1)]
-    if reach_px == 2:
-        sides += [shifted(from_left, -1, 0), shifted(from_top, 0, -1)]
-    strongest = sides[0]
-    for side in sides[1:]:
-        strongest = jnp.maximum(strongest, side)
+    width_px = ((0, 0), (2, 2), (2, 2))
+    at = reading(jnp.pad(seen, width_px, mode="edge"), 2)
 
-    def kept(difference: Plane) -> Mask:
-        is_strong = 2 * difference >= strongest - TIE
-        return (difference >= threshold - TIE) & is_strong
+    def difference(one: tuple[int, int], other: tuple[int, int]) -> Plane:
+        """Largest difference of a channel between two places; 0 beyond the edge."""
+        channels = jnp.abs(at(*one) - at(*other))
+        largest = channels[0]
+        for channel in channels[1:]:
+            largest = jnp.maximum(largest, channel)
+        return largest
+
+    here = (0, 0)
+    from_left, from_top = difference(here, (-1, 0)), difference(here, (0, -1))
+    around = [difference(here, (1, 0)), difference(here, (0, 1))]
+    if reach_px == 2:
+        around += [difference((-1, 0), (-2, 0)), difference((0, -1), (0, -2))]
+    strongest = jnp.maximum(from_left, from_top)
+    for found in around:
+        strongest = jnp.maximum(strongest, found)
+
+    def kept(found: Plane) -> Mask:
+        return (found >= threshold - TIE) & (2 * found >= strongest - TIE)
 
     return kept(from_left), kept(from_top)
 
 
-def _difference(planes: Array, dx: int, dy: int) -> Plane:
-    """Largest difference of a channel from a neighbour; 0 at the planes' edge."""
-    apart = jnp.abs(planes - shifted(planes, dx, dy))
-    largest = apart[0]
-    for plane in apart[1:]:
-        largest = jnp.maximum(largest, plane)
-    return largest
+def reading(
+    padded: Array, margin_px: int, more_px: int = 0
+) -> Callable[[int, int], Array]:
+    """Return what reads planes with a margin `dx` px to the right, `dy` px down.
+
+    **Arguments:** `more_px`: columns and rows that are read beyond the planes' end.
+    """
+    height, width = (size - 2 * margin_px + more_px for size in padded.shape[-2:])
+
+    def at(dx: int, dy: int) -> Array:
+        y, x = margin_px + dy, margin_px + dx
+        return padded[..., y : y + height, x : x + width]
+
+    return at
 
 
 class Ends(NamedTuple):
@@ -83,11 +101,7 @@ _MARKS = 16  # steps are counted above four bits of marks
 
 
 def walk(
-    goes_on: Bool[Array, "height width"],
-    marks: Steps,
-    dx: int,
-    dy: int,
-    longest: int,
+    goes_on: Mask, marks: Steps, marks_ahead: Steps, dx: int, dy: int, longest: int
 ) -> Ends:
     """Walk from each pixel for as long as it goes on.
 
@@ -96,26 +110,23 @@ def walk(
     - `goes_on`: whether there is a step from a pixel; False where it would leave the
       planes.
     - `marks`: what is noted of a pixel if the walk ends there, `[0, 16)`.
+    - `marks_ahead`: that of the pixel a step ahead.
     - `dx`, `dy`: the step, -1, 0 or 1 px each.
     - `longest`: most steps, a power of two.
     """
     height, width = goes_on.shape
     reach = longest // 2
-    ahead_of = shifted(marks, dx, dy)
-    start = jnp.where(goes_on, _MARKS + ahead_of, marks).astype(jnp.int16)
-    margins = [
-        (reach * (dy < 0), reach * (dy > 0)),
-        (reach * (dx < 0), reach * (dx > 0)),
-    ]
+    start = jnp.where(goes_on, _MARKS + marks_ahead, marks)
+    above, left = reach * (dy < 0), reach * (dx < 0)
+    margins = [(above, reach * (dy > 0)), (left, reach * (dx > 0))]
 
     def doubled(found: Steps, steps: Int[Array, ""]) -> tuple[Steps, None]:
         # What is read beyond the edge is never taken: no walk goes there.
-        around = jnp.pad(found, margins)
-        place = (margins[0][0] + dy * steps, margins[1][0] + dx * steps)
-        ahead = lax.dynamic_slice(around, place, (height, width))
-        so_far = (_MARKS * steps).astype(jnp.int16)
+        place = (above + dy * steps, left + dx * steps)
+        ahead = lax.dynamic_slice(jnp.pad(found, margins), place, (height, width))
+        so_far = (_MARKS * steps).astype(found.dtype)
         return jnp.where(found < so_far, found, ahead + so_far), None
 
-    lengths = jnp.asarray([2**k for k in range(longest.bit_length() - 1)], jnp.int32)
-    found, _ = lax.scan(doubled, start, lengths)
+    lengths = [2**k for k in range(longest.bit_length() - 1)]
+    found, _ = lax.scan(doubled, start, jnp.asarray(lengths, jnp.int32))
     return Ends(found // _MARKS, found % _MARKS)

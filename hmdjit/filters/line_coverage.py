@@ -8,14 +8,18 @@ Edges are above pixels here: `down` is what a pixel takes from the one above it,
 what that one takes from it.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import DTypeLike
+from jaxtyping import Array, Bool, DTypeLike
 
 from .._types import Mask, Plane
-from .edges import Ends, Steps, walk
-from .neighborhood import shifted
+from .edges import Ends, Steps, reading, walk
+
+MARGIN_PX = 4
+Padded = Bool[Array, "rows columns"]
+"""A mask with a margin of `MARGIN_PX`, in which it is False."""
 
 
 class Shares(NamedTuple):
@@ -29,8 +33,8 @@ _UP, _DOWN, _FAR_UP, _FAR_DOWN = 1, 2, 4, 8  # marks: rows with an edge across t
 
 
 def of_lines(
-    edge: Mask,
-    across: Mask,
+    edge: Padded,
+    across: Padded,
     longest: int,
     dtype: DTypeLike,
     *,
@@ -42,27 +46,34 @@ def of_lines(
 
     **Arguments:**
 
-    - `edge`: whether a pixel has an edge at its top.
+    - `edge`: whether a pixel has an edge at its top; padded.
     - `across`: whether it has one at its left, where lines end.
     - `longest`: how far ends are looked for to each side, px; a power of two.
     - `upright`: for lines along columns instead; *top* is then read as left, *up* as to
       the left.
     - `softens`: as in `line_areas`.
     - `rounding`: how much less is cut off at corners, in `[0, 1)`; 0 is nothing.
+
+    **Returns:** shares, with one row and column more than the picture.
     """
 
-    def at(planes: Steps | Mask, along: int, aside: int) -> Steps | Mask:
-        dx, dy = (aside, along) if upright else (along, aside)
-        return shifted(planes, dx, dy, 0.0)
+    def along(padded: Padded, dx: int, dy: int) -> Mask:
+        at = reading(padded, MARGIN_PX, 1)
+        return at(dy, dx) if upright else at(dx, dy)
 
-    goes_on = edge & at(edge, -1, 0) & ~(across | at(across, 0, -1))
-    marks = _noted(
-        (_UP, _DOWN, _FAR_UP, _FAR_DOWN), *(at(across, 0, dy) for dy in (-1, 0, -2, 1))
-    )
+    def is_joined(x: int) -> Mask:
+        """Whether a line goes on from the pixel before."""
+        is_crossed = along(across, x, 0) | along(across, x, -1)
+        return along(edge, x - 1, 0) & along(edge, x, 0) & ~is_crossed
+
+    def noted(x: int) -> Steps:
+        rows = {_UP: -1, _DOWN: 0, _FAR_UP: -2, _FAR_DOWN: 1}
+        return _noted(*((mark, along(across, x, dy)) for mark, dy in rows.items()))
+
     dx, dy = (0, 1) if upright else (1, 0)
-    left = walk(goes_on, marks, -dx, -dy, longest)
-    # A step to the right is named by the pixel that it leads to.
-    right = Ends(*(at(x, 1, 0) for x in walk(goes_on, marks, dx, dy, longest)))
+    left = walk(is_joined(0), noted(0), noted(-1), -dx, -dy, longest)
+    # The right end of a line is the left edge of the pixel after it.
+    right = walk(is_joined(1), noted(1), noted(2), dx, dy, longest)
     down, up = line_areas(left, right, dtype, softens=softens)
     if rounding:
         is_near = left.steps <= right.steps, right.steps <= left.steps
@@ -75,7 +86,8 @@ def of_lines(
             return jnp.clip(1 - lost, 0, 1)
 
         down, up = down * kept(_FAR_DOWN), up * kept(_FAR_UP)
-    return Shares(jnp.where(edge, down, 0), jnp.where(edge, up, 0))
+    is_edge = along(edge, 0, 0)
+    return Shares(jnp.where(is_edge, down, 0), jnp.where(is_edge, up, 0))
 
 
 def line_areas(left: Ends, right: Ends, dtype: DTypeLike, *, softens: bool) -> Shares:
@@ -121,11 +133,9 @@ def _turn(end: Ends) -> Steps:
     return (end.marks & _UP) - (end.marks & _DOWN) // _DOWN
 
 
-def _noted(marks: tuple[int, ...], *are_set: Mask) -> Steps:
-    noted = jnp.zeros_like(are_set[0], jnp.int16)
-    for mark, is_set in zip(marks, are_set, strict=False):
-        noted |= jnp.where(is_set, mark, 0).astype(jnp.int16)
-    return noted
+def _noted(*marks: tuple[int, Mask]) -> Steps:
+    noted = [jnp.where(is_set, jnp.int16(mark), jnp.int16(0)) for mark, is_set in marks]
+    return functools.reduce(jnp.bitwise_or, noted)
 
 
 _LINES = (
@@ -158,23 +168,40 @@ _BITS = [
 _START, _END = (4, 1, 2), (2, 8, 1)
 
 
-def of_diagonals(left: Mask, top: Mask, longest: int, dtype: DTypeLike) -> Shares:
+def of_diagonals(left: Padded, top: Padded, longest: int, dtype: DTypeLike) -> Shares:
     """Shares that diagonals cut off of pixels with an edge at their top; else 0.
 
     **Arguments:** `longest`: pixels that are visited to each side; a power of two.
     """
-    at = lambda plane, dx, dy: shifted(plane, dx, dy, 0.0)
-    right = at(left, 1, 0)
 
-    def upwards(side: Mask, is_full: Mask, dx: int, marks: tuple) -> Ends:
-        noted = _noted(marks, at(top, dx, 0), at(side, 0, -1))
-        return walk(at(is_full, dx, -1), noted, dx, -1, longest)
+    def at(padded: Padded, dx: int, dy: int) -> Mask:
+        return reading(padded, MARGIN_PX, 1)(dx, dy)
 
-    def downwards(side: Mask, is_full: Mask, dx: int, marks: tuple) -> Ends:
-        takes_in = at(top, dx, 1) & side
-        level = jnp.where(takes_in, at(top, 2 * dx, 1), at(top, dx, 0))
-        noted = _noted(marks, level, side & ~takes_in, takes_in)
-        return walk(at(is_full, dx, 1) & side, noted, dx, 1, longest)
+    def side(dx: int, x: int, y: int) -> Mask:
+        """Whether a pixel has an edge at its left or right side."""
+        return at(left, x + (dx > 0), y)
+
+    def upwards(dx: int, full: int, marks: tuple[int, int, int]) -> Ends:
+        """Walk up over pixels with edges at their top and their full side."""
+
+        def noted(x: int, y: int) -> Steps:
+            level, upright = at(top, x + dx, y), side(dx, x, y - 1)
+            return _noted((marks[0], level), (marks[1], upright))
+
+        goes_on = at(top, dx, -1) & side(full, dx, -1)
+        return walk(goes_on, noted(0, 0), noted(dx, -1), dx, -1, longest)
+
+    def downwards(dx: int, marks: tuple[int, int, int]) -> Ends:
+        """Walk down, from pixels with an edge at the side that one walks to."""
+
+        def noted(x: int, y: int) -> Steps:
+            takes_in = at(top, x + dx, y + 1) & side(dx, x, y)
+            level = jnp.where(takes_in, at(top, x + 2 * dx, y + 1), at(top, x + dx, y))
+            upright = side(dx, x, y) & ~takes_in
+            return _noted(*zip(marks, (level, upright, takes_in), strict=True))
+
+        goes_on = at(top, dx, 1) & side(dx, dx, 1) & side(dx, 0, 0)
+        return walk(goes_on, noted(0, 0), noted(dx, 1), dx, 1, longest)
 
     def reached(end: Ends, marks: tuple) -> tuple[Steps, Steps]:
         """How far an end is, and its bits of the pattern; none if it was not met."""
@@ -187,15 +214,11 @@ def of_diagonals(left: Mask, top: Mask, longest: int, dtype: DTypeLike) -> Share
         before, start_marks = reached(start, _START)
         after, end_marks = reached(end, _END)
         down, up = diagonal_areas(before, after, start_marks | end_marks, dtype)
-        is_diagonal = top & (before + after > 2)
+        is_diagonal = at(top, 0, 0) & (before + after > 2)
         return Shares(jnp.where(is_diagonal, down, 0), jnp.where(is_diagonal, up, 0))
 
-    is_full = left & top
-    rising = cut(downwards(left, is_full, -1, _START), upwards(right, is_full, 1, _END))
-    is_full = right & top
-    falling = cut(
-        upwards(left, is_full, -1, _START), downwards(right, is_full, 1, _END)
-    )
+    rising = cut(downwards(-1, _START), upwards(1, -1, _END))
+    falling = cut(upwards(-1, 1, _START), downwards(1, _END))
     return Shares(rising.down + falling.up, rising.up + falling.down)
 
 

@@ -18,7 +18,6 @@ from .. import _checks, color
 from .._types import Mask, Plane, Rgb
 from ..filters import edges, line_coverage
 from ..filters.line_coverage import Shares
-from ..filters.neighborhood import neighbors, shifted
 from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial
 
@@ -90,7 +89,7 @@ class MLAA(AbstractSpatial):
 
         def mixed(colors: Rgb) -> Rgb:
             shown = colors
-            for weight, near in zip(weights, neighbors(colors), strict=True):
+            for weight, near in zip(weights, _neighbors(colors), strict=True):
                 shown += weight * (near - colors)
             return shown
 
@@ -145,7 +144,7 @@ class SMAA(AbstractSpatial):
         weights = [(share**2 * scale)[None] for share in (one, other)]
 
         def mixed(colors: Rgb) -> Rgb:
-            above, below, left, right = neighbors(colors)
+            above, below, left, right = _neighbors(colors)
             before = jnp.where(is_level[None], left, above)
             after = jnp.where(is_level[None], right, below)
             one, other = weights
@@ -183,18 +182,26 @@ def _taken(
         return rows, columns
 
     def nothing(left: Mask, top: Mask) -> tuple[Shares, Shares]:
-        none = jnp.zeros(left.shape, dtype)
+        margin = 2 * line_coverage.MARGIN_PX - 1
+        none = jnp.zeros([size - margin for size in left.shape], dtype)
         return Shares(none, none), Shares(none, none)
 
     # A picture without edges is left alone. The choice is also a boundary that XLA does
     # not fuse across: it would walk anew for each use of what is found.
+    left, top = (jnp.pad(flags, line_coverage.MARGIN_PX) for flags in (left, top))
     rows, columns = lax.cond(jnp.any(left | top), found, nothing, left, top)
     return _Taken(
-        rows.down,
-        shifted(rows.up, 0, 1, 0.0),
-        columns.down,
-        shifted(columns.up, 1, 0, 0.0),
+        rows.down[:-1, :-1],
+        rows.up[1:, :-1],
+        columns.down[:-1, :-1],
+        columns.up[:-1, 1:],
     )
+
+
+def _neighbors(colors: Rgb) -> list[Rgb]:
+    """Return the pixels above, below, to the left and to the right of each."""
+    at = edges.reading(jnp.pad(colors, ((0, 0), (1, 1), (1, 1)), mode="edge"), 1)
+    return [at(0, -1), at(0, 1), at(-1, 0), at(1, 0)]
 
 
 def _blended(
