@@ -58,14 +58,11 @@ def edge_flags(gamma, threshold, by, farther, tie):
 def line_area(before, after, at_left, at_right, softens):
     """(down, up) of a pixel between ends that each have (up, down) crossing edges."""
     d = before + after + 1
-    height = {(False, False): 0.0, (True, False): 0.5, (False, True): -0.5}
-    h1, h2 = height.get(at_left), height.get(at_right)
-    if h1 is None and h2 is None:
+    if all(at_left) and all(at_right):
         return 0.0, 0.0
-    if h1 is None:
-        h1 = -h2
-    if h2 is None:
-        h2 = -h1
+    h1, h2 = ((up - down) / 2 for up, down in (at_left, at_right))
+    # An end that turns off to both sides is the opposite of the other.
+    h1, h2 = (-h2 if all(at_left) else h1), (-h1 if all(at_right) else h2)
     if h1 * h2 < 0:  # Z
         return _under([(0, h1), (d, h2)], before)
     halves = []

@@ -44,7 +44,7 @@ def test_a_walk_by_doubling_is_the_walk_step_by_step(rng, dx, dy, longest):
     goes_on &= is_inside & (rows + dy >= 0) & (rows + dy < 40)
     marks = rng.integers(0, 16, (40, 40)).astype(np.int16)
     ahead = np.roll(marks, (-dy, -dx), (0, 1))
-    planes = map(jnp.asarray, (goes_on, marks, ahead))
+    planes = jnp.asarray(goes_on), jnp.asarray(marks), jnp.asarray(ahead)
     ours = edges.walk(*planes, dx, dy, longest)
     expected = walked(goes_on, marks, dx, dy, longest)
     assert expected[0].max() >= min(longest, 16)  # else little would be shown

@@ -19,7 +19,7 @@ from hmdjit.simulation.session import session
 from hmdjit.techniques import MLAA, SMAA
 
 IMAGES = antialiasing_images.images()
-FEW = list(IMAGES)[1::4]
+FEW = list(IMAGES)[1::5]
 CAMERA = hj.Camera(SIZE_PX, SIZE_PX, 4.0, 60.0)
 
 
@@ -93,7 +93,7 @@ NEAR_TIE = 1e-6
 @pytest.mark.parametrize(
     ("technique", "names"),
     [
-        (SMAA(), FEW),
+        (SMAA(), FEW[::2]),
         *(slow(t, list(IMAGES)) for t in EVERY if t.space == "gamma"),
     ],
     ids=lambda value: getattr(value, "id", ""),
@@ -222,34 +222,34 @@ def test_gradients_are_those_of_a_mix_of_colors(technique, rng):
 TECHNIQUE = SMAA("low", "color")
 
 
-def with_a_long_edge(technique):
-    """A level edge whose ends are at the longest walk from the middle."""
-    longest = technique.stencil_radius_px - 2
-    width = 2 * longest + 9
-    middle = longest + 4
-    picture = np.zeros((3, 12, width))
-    picture[:, 6:] = 0.4
-    picture[:, 6, middle + longest + 1 :] = 0.0  # there it goes on a pixel lower
-    picture[:, 6, : middle - longest] = 0.0
-    return picture, middle
-
-
-def test_the_stencil_is_as_wide_as_said_and_no_wider():
-    technique = TECHNIQUE
-    picture, middle = with_a_long_edge(technique)
-    radius = technique.stencil_radius_px
-    found = shown(technique, picture)
+def test_the_stencil_is_as_wide_as_said():
+    middle, longest = 18, TECHNIQUE.stencil_radius_px - 2
+    # A level edge whose ends are at the longest walk from the middle.
+    picture = np.zeros((3, SIZE_PX, SIZE_PX))
+    picture[:, 20:] = 0.4
+    picture[:, 20, middle + longest + 1 :] = 0.0
+    picture[:, 20, : middle - longest] = 0.0
+    found = shown(TECHNIQUE, picture)
     changed = picture.copy()
     # So strong an edge that the one at the line's end is none beside it.
-    changed[:, 6, middle + radius] = 1.0
-    difference = np.any(shown(technique, changed) != found, axis=0)
-    columns = np.nonzero(difference)[1]
-    assert (middle + radius - columns).max() == radius
+    changed[:, 20, middle + longest + 2] = 1.0
+    columns = np.nonzero(np.any(shown(TECHNIQUE, changed) != found, axis=0))[1]
+    assert columns.min() == middle
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_nothing_beyond_the_stencil_is_read(name, rng):
+    inner = slice(16, 24)
+    around = slice(16 - TECHNIQUE.stencil_radius_px, 24 + TECHNIQUE.stencil_radius_px)
+    other = rng.random(IMAGES[name].shape)
+    other[:, around, around] = IMAGES[name][:, around, around]
+    ours = shown(TECHNIQUE, other)[:, inner, inner]
+    np.testing.assert_array_equal(ours, shown(TECHNIQUE, IMAGES[name])[:, inner, inner])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("technique", EVERY[2::4], ids=lambda technique: technique.id)
-def test_nothing_beyond_the_stencil_is_read(technique, rng):
+def test_nothing_beyond_a_wide_stencil_is_read(technique, rng):
     radius = technique.stencil_radius_px
     for name in ("level comb", "wires", "edge 2.5", "edge 45", "noise"):
         picture = np.tile(IMAGES[name], (1, 1, 4))
@@ -266,16 +266,6 @@ def test_nothing_beyond_the_stencil_is_read(technique, rng):
 
 
 # --- in the engine ---
-
-
-def test_a_tile_with_its_halo_is_shown_as_in_the_whole_frame():
-    around, inner = TECHNIQUE.stencil_radius_px, slice(10, -10)
-    assert around == 10
-    for name in FEW:
-        tile = IMAGES[name][:, 6:34, 5:35]
-        ours = shown(TECHNIQUE, tile)[:, inner, inner]
-        expected = shown(TECHNIQUE, IMAGES[name])[:, 16:24, 15:25]
-        np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-15, err_msg=name)
 
 
 WIDE = hj.Camera(64, 48, 4.0, 60.0)
