@@ -9,12 +9,10 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from . import neighborhood
+from .edges import TIE
 from .neighborhood import FloatPlanes
 
 Boundaries = Float[Array, "*planes rows columns"]
-
-TIE = 1e-5
-"""Luma that decides nothing: comparisons as close as this count as equal."""
 
 
 def reach_px(steps_px: Sequence[float]) -> int:

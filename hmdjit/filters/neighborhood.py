@@ -54,13 +54,22 @@ def around(planes: AnyPlanes, radius_px: int) -> Reader:
 
     **Arguments:** `radius_px`: the farthest that is asked for, in each direction.
     """
-    height, width = planes.shape[-2:]
     # Kept whole, so that reads are plain slices of it: twice as fast on a CPU.
-    rim = lax.optimization_barrier(padded(planes, radius_px, radius_px))
+    return reader(
+        lax.optimization_barrier(padded(planes, radius_px, radius_px)), radius_px
+    )
+
+
+def reader(padded: AnyPlanes, margin_px: int, more_px: int = 0) -> Reader:
+    """Return what reads planes that have a margin.
+
+    **Arguments:** `more_px`: columns and rows that are read beyond the planes' end.
+    """
+    height, width = (size - 2 * margin_px + more_px for size in padded.shape[-2:])
 
     def at(dx: int, dy: int) -> AnyPlanes:
-        left, top = radius_px + dx, radius_px + dy
-        return rim[..., top : top + height, left : left + width]
+        left, top = margin_px + dx, margin_px + dy
+        return padded[..., top : top + height, left : left + width]
 
     return at
 
@@ -73,10 +82,16 @@ def padded(
     return jnp.pad(planes, widths, mode="edge")
 
 
+def neighbors(planes: AnyPlanes) -> tuple[AnyPlanes, AnyPlanes, AnyPlanes, AnyPlanes]:
+    """Return the pixels above, below, to the left and to the right of each."""
+    at = around(planes, 1)
+    return at(0, -1), at(0, 1), at(-1, 0), at(1, 0)
+
+
 def plus_mean(planes: FloatPlanes) -> FloatPlanes:
     """Mean of each pixel and its four neighbours."""
-    at = around(planes, 1)
-    return (planes + ((at(0, -1) + at(0, 1)) + (at(-1, 0) + at(1, 0)))) / 5
+    above, below, left, right = neighbors(planes)
+    return (planes + ((above + below) + (left + right))) / 5
 
 
 def box_mean(planes: FloatPlanes) -> FloatPlanes:
@@ -92,6 +107,5 @@ def sharpened(planes: FloatPlanes, strength: float) -> FloatPlanes:
     A kernel of `1 + 4 strength` in the centre and `-strength` beside it, which sums to
     1: 1 is Xu's, 1/4 that of Oliveros' thesis. Nothing is clipped.
     """
-    at = around(planes, 1)
-    around_sum = (at(0, -1) + at(0, 1)) + (at(-1, 0) + at(1, 0))
-    return planes + strength * (4 * planes - around_sum)
+    above, below, left, right = neighbors(planes)
+    return planes + strength * (4 * planes - ((above + below) + (left + right)))

@@ -15,6 +15,8 @@ from .display_stages import Sharpening as Sharpening
 from .freeze import Freeze as Freeze
 from .fxaa import FXAA as FXAA
 from .head_movement import HeadMovement as HeadMovement
+from .morphological import MLAA as MLAA
+from .morphological import SMAA as SMAA
 from .registry import IDS as IDS
 from .registry import by_id as by_id
 from .spatial import MSAA as MSAA

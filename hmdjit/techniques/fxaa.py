@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from .. import _checks, color
 from .._types import Rgb
 from ..filters import edge_spans, neighborhood
-from ..filters.edge_spans import TIE
+from ..filters.edges import TIE
 from ..filters.neighborhood import Reader
 from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial

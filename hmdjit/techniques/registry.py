@@ -6,14 +6,16 @@ An id is the family's name and what is not its default, such as `ssaa2_gamma`.
 import dataclasses
 import difflib
 import re
+from itertools import product
 
 from ..sample_patterns import MULTISAMPLE_COUNTS
-from . import curve_file
+from . import curve_file, fxaa, morphological
 from .base import SPACES, AbstractSpatial, AbstractTechnique
 from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
 from .freeze import Freeze
-from .fxaa import FXAA, PRESETS
+from .fxaa import FXAA
 from .head_movement import HeadMovement
+from .morphological import EDGES, MLAA, SMAA
 from .spatial import MSAA, SSAA, NoAntialiasing
 
 IDS = (
@@ -23,6 +25,8 @@ IDS = (
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
     "fxaa",
     "fxaa39",
+    "mlaa",
+    *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
 )
 """Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
@@ -35,7 +39,9 @@ _NAMED: dict[str, AbstractTechnique] = {
         NoAntialiasing(),
         Freeze(),
         *(MSAA(n, space) for n in MULTISAMPLE_COUNTS for space in SPACES),
-        *(FXAA(preset, space) for preset in PRESETS for space in SPACES),
+        *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
+        *map(MLAA, SPACES),
+        *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
     )
 }
 
