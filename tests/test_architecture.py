@@ -99,8 +99,10 @@ FOLDERS = {
     "estimates": [
         ("columns", "rows"),
         ("estimate",),
-        ("resampling", "planning", "cells"),
+        ("resampling", "planning"),
         ("intervals",),
+        ("decibels",),
+        ("cells",),
         ("summary",),
     ],
     "studies": [

@@ -34,6 +34,9 @@ class AbstractMetric(eqx.Module):
 
     unit: ClassVar[str]
 
+    about: ClassVar[str] = ""
+    """What it is, in a sentence for captions."""
+
     less_is_better: ClassVar[bool] = True
 
     needs_reference: ClassVar[bool] = False
@@ -105,6 +108,18 @@ def check_metrics(metrics: Sequence[AbstractMetric]) -> None:
                 f"metrics must have ids of letters, digits and _ that no other column "
                 f"of a result has, got {id!r}."
             )
+
+
+def check_block(
+    metrics: Sequence[AbstractMetric], width_px: int, height_px: int
+) -> None:
+    """Raise unless all metrics can be had of a block this large.
+
+    **Errors:** `ValueError` of the metric's own `init`.
+    """
+    block = Region(0, 0, width_px, height_px)
+    for metric in metrics:
+        jax.eval_shape(lambda m=metric: m.init(block, jnp.float32))
 
 
 class PixelMean(AbstractMetric):

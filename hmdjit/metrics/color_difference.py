@@ -110,7 +110,11 @@ class CIEDE2000(PixelMean):
     """Mean CIEDE2000 of displayed frames to the SSAA(4) reference of the same pose."""
 
     id: ClassVar[str] = "ciede2000"
-    unit: ClassVar[str] = "about 1 is just noticed"
+    unit: ClassVar[str] = "delta E"
+    about: ClassVar[str] = (
+        "CIEDE2000: how different colours look from the reference's, about 1 is just "
+        "noticed."
+    )
     needs_reference: ClassVar[bool] = True
 
     def per_pixel(

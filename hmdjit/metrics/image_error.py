@@ -55,6 +55,7 @@ class MSE(_SquaredError):
     """Detail loss, by the name that image metrics have."""
 
     id: ClassVar[str] = "mse"
+    about: ClassVar[str] = "MSE to the reference, which is detail loss, code values²."
 
 
 class RMSD(_SquaredError):
@@ -62,6 +63,7 @@ class RMSD(_SquaredError):
 
     id: ClassVar[str] = "rmsd"
     unit: ClassVar[str] = "code values"
+    about: ClassVar[str] = "RMSD, each session's root of MSE, code values."
 
     def value(self, state: State) -> Scalar:
         """Root of the mean over pixels and frames; NaN of no pixel."""
@@ -76,6 +78,10 @@ class PSNR(_SquaredError):
 
     id: ClassVar[str] = "psnr"
     unit: ClassVar[str] = "dB"
+    about: ClassVar[str] = (
+        "PSNR in dB, of the mean of MSE; more is better, and inf, which has no "
+        "interval, is no error at all."
+    )
     less_is_better: ClassVar[bool] = False
     is_in_decibels: ClassVar[bool] = True
 
@@ -92,6 +98,10 @@ class SNR(AbstractMetric):
 
     id: ClassVar[str] = "snr"
     unit: ClassVar[str] = "dB"
+    about: ClassVar[str] = (
+        "SNR in dB, of the mean of MSE as a share of the reference's power; more is "
+        "better, and inf, which has no interval, is no error at all."
+    )
     less_is_better: ClassVar[bool] = False
     needs_reference: ClassVar[bool] = True
     is_in_decibels: ClassVar[bool] = True

@@ -73,7 +73,7 @@ def ssim_volume_map(
 class _Similarity(AbstractMetric):
     """Mean over frames of a map's mean over the measured block."""
 
-    unit: ClassVar[str] = "1 is equal"
+    unit: ClassVar[str] = "1"
     less_is_better: ClassVar[bool] = False
     needs_reference: ClassVar[bool] = True
     is_local: ClassVar[bool] = False
@@ -118,6 +118,9 @@ class SSIM(_Similarity):
     """
 
     id: ClassVar[str] = "ssim"
+    about: ClassVar[str] = (
+        "SSIM of luma to the reference: 1 is equal, and more is better."
+    )
 
     def map(self, shown: Rgb, reference: Rgb) -> Windows:
         """Return the map of luma."""
@@ -131,6 +134,10 @@ class SSIMVolume(_Similarity):
     """
 
     id: ClassVar[str] = "ssim_volume"
+    about: ClassVar[str] = (
+        "SSIM of colours as a volume, as MATLAB has it, to the reference: 1 is equal, "
+        "and more is better; more lenient than SSIM."
+    )
 
     def map(self, shown: Rgb, reference: Rgb) -> Rgb:
         """Return the map of the volume."""
