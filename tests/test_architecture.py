@@ -79,7 +79,7 @@ FOLDERS = {
         ("solid_set", "study_set"),
     ],
     "filters": [("neighborhood",), ("edges",), ("*",)],  # of what lies around a pixel
-    "metrics": [("base",), ("*",)],
+    "metrics": [("base",), ("pictures",), ("*",), ("registry",)],
     "techniques": [
         ("small_motion",),
         ("base",),
@@ -99,8 +99,10 @@ FOLDERS = {
     "estimates": [
         ("columns", "rows"),
         ("estimate",),
-        ("resampling", "planning", "cells"),
+        ("resampling", "planning"),
         ("intervals",),
+        ("decibels",),
+        ("cells",),
         ("summary",),
     ],
     "studies": [

@@ -375,6 +375,21 @@ def test_several_techniques_share_a_table_and_a_csv(run, frames, poses, tmp_path
     assert len(shown(tmp_path / "all" / "head_movement")) == COUNT
 
 
+def test_other_metrics_can_be_asked_for(run, frames, tmp_path):
+    reference = frames_in(tmp_path / "reference", "ssaa_{:02}.png", 255 - codes())
+    named = ("--metrics", "psnr", "mse", "--csv", "table.csv")
+    run("none", frames, "--reference", reference, *named)
+    with open(tmp_path / "table.csv", newline="") as file:
+        row = next(csv.DictReader(file))
+    assert list(row) == ["technique", "psnr", "mse"]
+    error = np.mean((2.0 * codes() - 255) ** 2)
+    assert float(row["mse"]) == pytest.approx(error, rel=1e-5)
+    assert float(row["psnr"]) == pytest.approx(10 * np.log10(255**2 / error), rel=1e-5)
+    printed = run("none", frames, *named[:3], fails=True)
+    assert "--metrics must have a --reference" in printed
+    assert "for psnr, mse" in run("none", frames, *named[:3], fails=True)
+
+
 def test_a_folder_has_an_mtcd_without_poses(run, frames, tmp_path):
     before = set(tmp_path.rglob("*"))
     assert f"{hj.metrics.mtcd(codes() / 255.0):.3f}" in run("none", frames)

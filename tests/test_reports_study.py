@@ -261,7 +261,7 @@ def test_every_technique_keeps_its_style():
 
 
 def test_each_metric_that_a_study_has_is_told(tmp_path):
-    others = {"jod": MeanAndError(9.25, 0.01)}
+    others = {"jod": MeanAndError(9.25, 0.01, 9.23, 9.27)}
     rows = [dataclasses.replace(row, others=others) for row in ROWS]
     jod = DATA["mtcd"].copy().assign_attrs(units="just-objectionable differences")
     data = DATA.assign(jod=jod).assign_attrs(metrics=["mtcd", "jod"])

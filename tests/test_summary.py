@@ -69,7 +69,12 @@ def test_a_cell_is_reduced_over_its_sessions():
     np.testing.assert_allclose(row.high - row.low, 2 * 1.959964 * error, rtol=1e-6)
     quantiles = np.quantile(x, [0.05, 0.5, 0.95])
     np.testing.assert_array_equal([row.q05, row.q50, row.q95], quantiles)
-    expected = loss.mean(), loss.std(ddof=1) / math.sqrt(80)
+    mean, error = loss.mean(), loss.std(ddof=1) / math.sqrt(80)
+    expected = (
+        mean,
+        error,
+        *(mean + side * 1.959963984540054 * error for side in (-1, 1)),
+    )
     np.testing.assert_allclose(row.others["detail_loss"], expected, rtol=1e-13)
 
 
@@ -227,8 +232,10 @@ def test_csv_has_the_designed_columns_and_all_digits(tmp_path):
     with open(path, newline="", encoding="utf-8") as file:
         header, *lines = csv.reader(file)
     assert ",".join(header[:14]) == DESIGN_COLUMNS
-    assert header[14:17] == ["detail_loss_standard_error", "interval", "note"]
-    assert header[17:] == ["seconds", "figure_of_merit", "pairing_gain"]
+    ends = ("standard_error", "low", "high")
+    assert header[14:17] == [f"detail_loss_{end}" for end in ends]
+    assert header[17:19] == ["interval", "note"]
+    assert header[19:] == ["seconds", "figure_of_merit", "pairing_gain"]
     for row, line in zip(rows, lines, strict=True):
         values = list(row.columns().values())
         read = [type(value)(text) for value, text in zip(values, line, strict=True)]
@@ -354,7 +361,7 @@ def test_further_metrics_have_a_mean_and_an_error_in_their_order(tmp_path):
         row = by_cell(rows)["head_movement", "text"]
         values = data[metrics[0]].sel(technique="head_movement", scene="text").values
         assert row.mean == pytest.approx(values.mean(), rel=1e-13)
-        ends = ("", "_standard_error")
+        ends = ("", "_standard_error", "_low", "_high")
         names = [f"{name}{end}" for name in metrics[1:] for end in ends]
         header = write_csv(rows, tmp_path / "a.csv").read_text().splitlines()[0]
         assert header.split(",")[13:-5] == names
@@ -362,8 +369,37 @@ def test_further_metrics_have_a_mean_and_an_error_in_their_order(tmp_path):
     mtcd = by_cell(summarize(data.assign_attrs(metrics=["sharpness", "mtcd"])))
     # Few sessions are resampled, whichever metric it is.
     one, other = sharpness["ssaa4", "all"], mtcd["ssaa4", "all"]
-    assert one.others["sharpness"] == (other.mean, other.standard_error)
-    assert other.others["mtcd"] == (one.mean, one.standard_error)
+    bounds = lambda row: (row.mean, row.standard_error, row.low, row.high)
+    assert one.others["sharpness"] == bounds(other)
+    assert other.others["mtcd"] == bounds(one)
+
+
+def test_decibels_are_averaged_as_the_powers_of_errors():
+    data = study(60)
+    error = data["detail_loss"]
+    how = {"units": "dB", "averaged_as": "error power"}
+    with np.errstate(divide="ignore"):
+        psnr = (10 * np.log10(255**2 / error)).assign_attrs(how)
+    data = data.assign(psnr=psnr).assign_attrs(metrics=["mtcd", "detail_loss", "psnr"])
+    rows = by_cell(summarize(data))
+    for row in rows.values():
+        if row.scene == "geometric mean":
+            continue
+        loss, found = row.others["detail_loss"], row.others["psnr"]
+        if loss.mean == 0:  # the reference
+            assert found.mean == math.inf
+            assert np.isnan(found[1:]).all()
+            continue
+        decibels = lambda x: 10 * math.log10(255**2 / x)
+        np.testing.assert_allclose(
+            [found.mean, found.low, found.high],
+            [decibels(x) for x in (loss.mean, loss.high, loss.low)],
+            rtol=1e-12,
+        )
+        slope = 10 / math.log(10) / loss.mean
+        np.testing.assert_allclose(found.standard_error, slope * loss.standard_error)
+    assert any(math.isinf(row.others["psnr"].mean) for row in rows.values())
+    assert not any("psnr" in row.note for row in rows.values())
 
 
 # --- studies with a goal ---

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -14,16 +13,16 @@ import rich.progress
 import tyro
 from jaxtyping import Float
 
-from .. import _checks, metrics, techniques
+from .. import _checks, techniques
 from .._files import write_csv
 from ..camera import Camera
-from ..color import CODE_VALUES
-from ..reports import tables
+from ..metrics import IDS as METRICS
+from ..metrics.base import check_block
+from ..reports import apply as report
 from ..simulation import apply as clips
 from ..simulation.pose_fit import PoseFit
 from .frame_channels import ChannelFolders
 from .frame_files import (
-    Codes,
     FrameFiles,
     Picture,
     codes,
@@ -38,17 +37,6 @@ _FOV_DEG = 96.0
 Poses = Float[np.ndarray, "frames components"]
 _OUT = Path("hmdjit-displayed")
 _FRAMES = "frames, before"
-_HEADERS = {
-    "mtcd": "MTCD",
-    "mtcd_ratio": "ratio",
-    "mtcd_8_bit": "8-bit MTCD",
-    "mtcd_8_bit_ratio": "8-bit ratio",
-    "detail_loss": "detail loss",
-}
-_CAPTION = (
-    "MTCD in code values, of what is displayed, unquantised; 8-bit MTCD of the PNGs "
-    "that it is rounded to."
-)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,6 +87,14 @@ class ApplyCommand(ChannelFolders, PoseLog):
             "SSAA 4x4 ones.",
         ),
     ] = None
+    metrics: Annotated[
+        tuple[str, ...] | None,
+        shown(
+            "ID...",
+            f"What is measured, of {', '.join(METRICS)} (default: mtcd, and "
+            "detail_loss where there is a --reference).",
+        ),
+    ] = None
     warmup: Annotated[
         int, shown("N", "Frames that are displayed but not measured (default: 0).")
     ] = 0
@@ -133,6 +129,7 @@ class ApplyCommand(ChannelFolders, PoseLog):
         ids = [technique.id for technique in chosen]
         if len(set(ids)) < len(ids):
             raise ValueError(f"techniques must all differ, got {', '.join(ids)}.")
+        measured_as = report.chosen_metrics(self.metrics, self.reference)
         frames = FrameFiles.of(self.frames_dir, not self.alpha)
         _checks.whole("warmup", self.warmup, 0)
         if len(frames.files) - self.warmup < 2:
@@ -146,6 +143,7 @@ class ApplyCommand(ChannelFolders, PoseLog):
                 raise ValueError(f"csv must be a file, got the folder {self.csv}.")
             check_can_write(self.csv.parent)
         size = frames.size()
+        check_block(measured_as, *size)
         for note in frames.notes():
             console.out(note)
         camera, poses = self._viewing(console, frames, size)
@@ -155,7 +153,7 @@ class ApplyCommand(ChannelFolders, PoseLog):
         if self.reference is not None:
             against = FrameFiles.of(self.reference, not self.alpha).like(frames)
             references = against.pictures(size)
-        measured = {name: _Measured() for name in (_FRAMES, *ids)}
+        measured = {name: report.Measured(measured_as) for name in (_FRAMES, *ids)}
 
         pictures, *copies = itertools.tee(frames.pictures(size), 1 + len(chosen))
         streams = [
@@ -246,55 +244,17 @@ class ApplyCommand(ChannelFolders, PoseLog):
         return camera, trace.poses
 
     def _report(
-        self, console: rich.console.Console, measured: dict[str, "_Measured"]
+        self, console: rich.console.Console, measured: dict[str, report.Measured]
     ) -> None:
         """Print the table, and write it where that was asked for."""
         before = measured[_FRAMES]
         rows = {name: row.values(before) for name, row in measured.items()}
-        lines = [
-            [name, *(tables.number(value, 3) for value in row.values())]
-            for name, row in rows.items()
-        ]
-        header = {"technique": tables.WORDS}
-        header |= {_HEADERS[key]: tables.READY for key in rows[_FRAMES]}
-        console.print(tables.table(header, lines, say=tables.spelling(console)))
-        loss = f" Detail loss: mean squared error to {self.reference}."
-        console.out(_CAPTION + (loss if self.reference is not None else ""))
+        report.print_table(rows, console)
+        console.out(before.caption(self.reference))
         if self.warmup:
             console.out(f"The first {self.warmup} frames were displayed, not measured.")
-        if not before.mtcd.value:
+        if rows[_FRAMES].get("mtcd") == 0:
             console.out("MTCD 0 before: no flicker to remove.")
         if self.csv is not None:
             named = [{"technique": name} | row for name, row in rows.items()]
             console.out(f"Wrote {write_csv(self.csv, named)}.")
-
-
-class _Measured:
-    """What is measured of a clip, displayed and written to files."""
-
-    def __init__(self):
-        self.mtcd = metrics.Streamed(metrics.MTCD())
-        self.mtcd_8_bit = metrics.Streamed(metrics.MTCD())
-        self.detail_loss = metrics.Streamed(metrics.DetailLoss())
-
-    def add(self, picture: Picture, rounded: Codes, reference: Picture | None) -> None:
-        """Take in the next picture, also as it is rounded for its file."""
-        self.mtcd.add(picture)
-        self.mtcd_8_bit.add(rounded.astype(np.float32) / CODE_VALUES)
-        if reference is not None:
-            self.detail_loss.add(picture, reference)
-
-    def values(self, before: "_Measured") -> dict[str, float]:
-        """Return the metrics, and their ratios to those of the frames before."""
-        found = {
-            "mtcd": self.mtcd.value,
-            "mtcd_ratio": _ratio(self.mtcd, before.mtcd),
-            "mtcd_8_bit": self.mtcd_8_bit.value,
-            "mtcd_8_bit_ratio": _ratio(self.mtcd_8_bit, before.mtcd_8_bit),
-        }
-        loss = self.detail_loss.value
-        return found if math.isnan(loss) else found | {"detail_loss": loss}
-
-
-def _ratio(one: metrics.Streamed, other: metrics.Streamed) -> float:
-    return one.value / other.value if other.value else math.nan

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import _checks, _toml, scenes, techniques
+from .. import _checks, _toml, metrics, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion
 from ..head_motion.replay import Replay
@@ -111,6 +111,8 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     numbers = {key: said[key] for key in names & said.keys()}
     if options.no_neck:
         numbers["neck"] = None
+    if options.metrics is not None:
+        numbers["metrics"] = tuple(metrics.by_id(id) for id in options.metrics)
     if "margin" in numbers:
         numbers["margin_deg"] = numbers.pop("margin")
     check_seed(options.seed or 0)

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from ..head_motion import Trace, presets
+from ..metrics import IDS as METRICS
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes; a bound that does not hold, and sessions that fail, have failed."""
@@ -126,6 +127,14 @@ class _StudyOptions:
     baseline: Annotated[
         str | None,
         shown("ID", "The technique that ratios refer to (default: msaa4, else none)."),
+    ] = None
+    metrics: Annotated[
+        tuple[str, ...] | None,
+        shown(
+            "ID...",
+            f"What is measured, of {', '.join(METRICS)}; ratios are of the first "
+            "(default: mtcd detail_loss).",
+        ),
     ] = None
     sessions: Annotated[int | None, shown("N", "Viewing sessions (default: 500).")] = (
         None

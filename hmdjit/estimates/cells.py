@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Integer, Shaped
 
 from .columns import centred, labels, numbers
+from .decibels import AVERAGED, power_of
 from .estimate import Estimate, NanPolicy, control_variate, mean_of
 
 if TYPE_CHECKING:
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 class Cell:
     """What was found in a scene: rows are its distinct techniques.
 
-    - `measured`: by the study's metrics, the first of which is predicted.
+    - `measured`: by the study's metrics, the first of which is predicted. Of decibels
+      it is the power of the error.
     - `predicted`: of the same sessions; `paths`: of others, in number as well.
     - `slope`: of the control variate; 0 where there is none.
     - `between_session_share`: of the variance; the rest is the tiles'.
@@ -126,7 +128,14 @@ def cells_of(dataset: "xarray.Dataset", metrics: Sequence[str]) -> list[Cell]:
             raise ValueError(f"{name} must be over {', '.join(axes)}, got {dims}.")
         return dataset[name].transpose(*axes).values.astype(float)
 
-    measured = np.stack([of(metric, "session") for metric in metrics])
+    measured = np.stack(
+        [
+            power_of(of(metric, "session"))
+            if AVERAGED.items() <= dataset[metric].attrs.items()
+            else of(metric, "session")
+            for metric in metrics
+        ]
+    )
     clusters = None
     if "subject" in dataset.coords:
         clusters = labels("subject", dataset["subject"].values, measured.shape[-1])

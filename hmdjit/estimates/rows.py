@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 
 class MeanAndError(NamedTuple):
-    """Mean of a metric over sessions, and its standard error."""
+    """Mean of a metric over sessions, its standard error, and its 95 % interval."""
 
     mean: float = math.nan
     standard_error: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +54,7 @@ class SummaryRow:
             if name != "others":
                 found[name] = value
                 continue
-            for metric, (mean, error) in self.others.items():
-                found |= {metric: mean, f"{metric}_standard_error": error}
+            for metric, (mean, *rest) in self.others.items():
+                names = (f"{metric}_{field}" for field in MeanAndError._fields[1:])
+                found |= {metric: mean, **dict(zip(names, rest, strict=True))}
         return found

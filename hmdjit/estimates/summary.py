@@ -16,6 +16,7 @@ import numpy as np
 
 from .. import _checks, _files
 from .cells import cells_of
+from .decibels import AVERAGED, in_decibels
 from .estimate import (
     NO_FLICKER,
     NO_PAIR,
@@ -90,6 +91,9 @@ class _Table:
         self.baseline = self.techniques.index(baseline)
         names = np.atleast_1d(dataset.attrs.get("metrics", _OLD_METRICS))
         self.metrics = [str(name) for name in names]
+        self.decibels = [
+            m for m in self.metrics if AVERAGED.items() <= dataset[m].attrs.items()
+        ]
         # Older files do not say; they left few sessions out.
         is_left_out = dataset.attrs.get("omit_failed", 1)
         self.nan_policy: NanPolicy = "omit" if is_left_out else "propagate"
@@ -193,18 +197,20 @@ class _Table:
             ratio=bounds.value,
             ratio_low=bounds.low,
             ratio_high=bounds.high,
-            others={
-                name: MeanAndError(
-                    x.value, self._with_head(interval_of(x), x).standard_error
-                )
-                for name, x in others.items()
-            },
+            others={name: self._other(name, x) for name, x in others.items()},
             interval=found.method,
             note=note,
             seconds=seconds,
             figure_of_merit=figure_of_merit(mean, seconds),
             pairing_gain=math.nan if has_clusters else pairing_gain(mean, base),
         )
+
+    def _other(self, name: str, estimate: Estimate) -> MeanAndError:
+        """Mean of a metric that is not the headline, and its bounds."""
+        found = self._with_head(interval_of(estimate), estimate)
+        if name in self.decibels:
+            found = in_decibels(found)
+        return MeanAndError(found.value, found.standard_error, found.low, found.high)
 
     def _quantiles(
         self, technique: int, scene: str, scenes: Sequence[int], mean: Estimate

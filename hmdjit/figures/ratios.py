@@ -32,7 +32,8 @@ def draw_ratios(study: Compared) -> Figure:
     figure, axes = study.axes(
         8.0,
         1.6 + pitch * (tall + len(lines)),
-        f"How much flicker is left: MTCD as a share of {study.baseline}'s",
+        "How much flicker is left: " * study.is_flicker
+        + f"{study.headline} as a share of {study.baseline}'s",
     )
     axes.axhspan(-tall / 2, tall / 2 + 1, color=drawing.SHADE, lw=0, zorder=0)
     for y in place[2:]:
@@ -64,7 +65,7 @@ def draw_ratios(study: Compared) -> Figure:
     above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
     axes.text(1, 1.005, head, fontsize=drawing.NOTE, **above)
     is_kims = any(technique.startswith("head_movement") for technique in others)
-    is_kims &= study.baseline.startswith(("none", "msaa"))
+    is_kims &= study.is_flicker and study.baseline.startswith(("none", "msaa"))
     if is_kims and study.camera == KIM_CAMERA:
         axes.axvline(KIM_RATIO, color=drawing.GREY, lw=1.2, ls="--", zorder=1)
         kim = f"Kim et al.: {KIM_RATIO}"
@@ -76,8 +77,9 @@ def draw_ratios(study: Compared) -> Figure:
     axes.set_xlim(0, reach)
     axes.set_ylim(place[-1] + 0.6, -tall / 2)
     axes.grid(axis="x")
-    axes.set_xlabel("ratio of mean MTCD, with 95 % interval")
-    axes.set_ylabel(f"scene  (MTCD of {study.baseline}, code values)")
+    axes.set_xlabel(f"ratio of mean {study.headline}, with 95 % interval")
+    unit = study.unit.replace(" of 8 bits", "")
+    axes.set_ylabel(f"scene  ({study.headline} of {study.baseline}, {unit})")
     return figure
 
 

@@ -52,7 +52,7 @@ def draw(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> dict[str, Fig
         "ratios": draw_ratios(study),
         "figure3": _figure3(study),
     }
-    if "detail_loss" in study.metrics:
+    if study.is_flicker and "detail_loss" in study.metrics:
         figures["flicker_detail"] = _flicker_detail(study)
     return figures
 
@@ -64,7 +64,8 @@ def _distributions(study: Compared) -> Figure:
         else "Bands: 95 %, for the whole curve (Dvoretzky-Kiefer-Wolfowitz with "
         "Massart's constant)."
     )
-    title = "How much sessions differ: flicker per session, mean over scenes"
+    what = "flicker" if study.is_flicker else study.headline
+    title = f"How much sessions differ: {what} per session, mean over scenes"
     figure, axes = study.axes(8.5, 4.8, title, band)
     sessions = dict(zip(study.techniques, study.mtcd.mean(axis=1), strict=True))
     sessions = {t: np.sort(x[np.isfinite(x)]) for t, x in sessions.items()}
@@ -111,8 +112,9 @@ def _distributions(study: Compared) -> Figure:
         }
         axes.text(gap, 0, "//", size=drawing.NAME, transform=place, zorder=10, **style)
     axes.axhline(0.5, color=drawing.GREY, lw=0.6, ls=":")
-    axes.set_xlabel("MTCD of a session, code values of 8 bits (logarithmic)")
-    axes.set_ylabel("sessions that flicker at most this much")
+    axes.set_xlabel(f"{study.headline} of a session, {study.unit} (logarithmic)")
+    has = "flicker" if study.is_flicker else "have"
+    axes.set_ylabel(f"sessions that {has} at most this much")
     beside: Any = "outside right"  # missing from matplotlib's own types
     figure.legend(loc=beside, labelspacing=0.9)
     return figure
@@ -122,11 +124,12 @@ def _figure3(study: Compared) -> Figure:
     names = [
         study.label(technique).replace(" ", "\n") for technique in study.techniques
     ]
+    what = "flicker" if study.is_flicker else study.headline
     longest = max(len(line) for name in names for line in name.split("\n"))
     figure, axes = study.axes(
         max(7.0, max(1.3, 0.09 * longest) * len(names) + 1),
         4.4,
-        "Largest, mean and smallest flicker over all scenes and sessions",
+        f"Largest, mean and smallest {what} over all scenes and sessions",
         "As Kim et al., Figure 3. The largest and the smallest lie further apart the "
         "more sessions there are.",
     )
@@ -158,7 +161,7 @@ def _figure3(study: Compared) -> Figure:
     small = {"fontsize": drawing.FINE, "color": drawing.GREY}
     axes.set_xticks(minor, [*marks] * len(names), minor=True, **small)
     axes.tick_params(axis="x", which="minor", length=0, pad=2)
-    axes.set_ylabel("MTCD, code values of 8 bits")
+    axes.set_ylabel(f"{study.headline}, {study.unit}")
     axes.margins(y=0.08)
     return figure
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ..camera import Camera
 from ..estimates.summary import SummaryRow
-from ..studies.identity import footer, metric_ids
+from ..studies.identity import footer, metric_ids, metric_words
 from .drawing import COLOURS, DASHES, SMALL, panels
 
 if TYPE_CHECKING:
@@ -20,11 +20,20 @@ _MARKERS = ["o", "s", "D", "^", "v", "P", "X"]
 class Compared:
     """The techniques of a study: `mtcd` by technique, scene and session; rows by cell.
 
-    `style` holds colour, dashes and marker; the baseline's is black.
+    `style` holds colour, dashes and marker; the baseline's is black. `mtcd` is the
+    headline, whatever metric that is; `headline` and `unit` are its words.
     """
 
     def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
         self.metrics = metric_ids(dataset)
+        headline = self.metrics[0]
+        self.is_flicker = headline == "mtcd"
+        self.headline, self.unit = metric_words(headline), "code values of 8 bits"
+        about = dataset[headline].attrs
+        if not self.is_flicker:
+            self.unit = str(about.get("units", "unknown units"))
+        if about.get("better") == "more":
+            self.unit += ", more is better"
         order = ("technique", "scene", "session")
         self.mtcd = dataset[self.metrics[0]].transpose(*order).values.astype(float)
         self.techniques = [str(t) for t in dataset["technique"].values]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console, Group
 from rich.text import Text
 
-from ..estimates.intervals import MIN_BASELINE_MTCD, NO_FLICKER, Z95
+from ..estimates.intervals import MIN_BASELINE_MTCD, NO_FLICKER
 from ..estimates.summary import (
     GEOMETRIC_MEAN,
     ONE_SESSION,
@@ -20,7 +20,7 @@ from ..estimates.summary import (
     write_csv,
 )
 from ..figures.study import write_figures
-from ..studies.identity import footer, metric_ids
+from ..studies.identity import footer, metric_ids, metric_words
 from .tables import (
     READY,
     WORDS,
@@ -71,16 +71,17 @@ def print_table(
     cells = {(row.technique, row.scene): row for row in rows}
     techniques = [str(t) for t in dataset["technique"].values]
     scenes = [str(s) for s in dataset["scene"].values]
-    others = metric_ids(dataset)[1:]
-    title = " and detail" * ("detail_loss" in others) + ", mean over scenes"
+    headline, *others = metric_ids(dataset)
+    title = "Flicker" if headline == "mtcd" else metric_words(headline)
+    title += " and detail" * ("detail_loss" in others) + ", mean over scenes"
     pooled = [cells[t, POOLED] for t in techniques]
     parts: list[Text | Continued] = [
-        Text(f"Flicker{title}", style="bold"),
-        _pooled_table(pooled, baseline, others, width, say),
+        Text(title, style="bold"),
+        _pooled_table(pooled, baseline, headline, others, width, say),
     ]
     compared = [t for t in techniques if t != baseline]
     if compared and len(scenes) > 1:
-        title = f"\nMTCD as a share of {baseline}'s, by scene"
+        title = f"\n{metric_words(headline)} as a share of {baseline}'s, by scene"
         parts.append(Text(say(title), style="bold"))
         lines = [*scenes, POOLED, GEOMETRIC_MEAN]
         parts.append(_scene_table(cells, lines, [baseline, *compared], say))
@@ -91,6 +92,7 @@ def print_table(
 def _pooled_table(
     rows: Sequence[SummaryRow],
     baseline: str,
+    headline: str,
     others: Sequence[str],
     width: int,
     say: Say,
@@ -101,7 +103,7 @@ def _pooled_table(
     ratio = min(3, decimals([_half(row.ratio_low, row.ratio_high) for row in rows]))
     columns = {
         "technique": [row.technique for row in rows],
-        "MTCD": with_errors([row.mean for row in rows], halves),
+        metric_words(headline): with_errors([row.mean for row in rows], halves),
         "median": [number(row.q50, mean) for row in rows],
         "5–95 %": [
             f"{number(row.q05, mean)}–{number(row.q95, mean)}"
@@ -112,9 +114,9 @@ def _pooled_table(
         f"ratio to {baseline}": [_ratio(row, baseline, ratio) for row in rows],
     }
     for name in others:
-        errors = [row.others[name].standard_error for row in rows]
-        means = [row.others[name].mean for row in rows]
-        columns[_words(name)] = with_errors(means, [Z95 * error for error in errors])
+        found = [row.others[name] for row in rows]
+        halves = [_half(one.low, one.high) for one in found]
+        columns[metric_words(name)] = with_errors([one.mean for one in found], halves)
     return table(
         dict.fromkeys(columns, READY) | {"technique": WORDS},
         zip(*columns.values(), strict=True),
@@ -155,7 +157,7 @@ def _scene_table(
 
 
 def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
-    a = dataset.attrs
+    a, headline = dataset.attrs, metric_words(metric_ids(dataset)[0])
     over = next(
         row.interval
         for row in rows
@@ -169,8 +171,11 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
         "frozen picture, so read it together with detail loss.",
     }
     for name in metric_ids(dataset):
-        unit = dataset[name].attrs.get("units", "unknown units")
-        meanings.setdefault(name, f"{_words(name).capitalize()} in {unit}.")
+        about, words = dataset[name].attrs, metric_words(name)
+        unit = about.get("units", "unknown units")
+        more = "; more is better" * (about.get("better") == "more")
+        meaning = f"{words[0].upper()}{words[1:]} in {unit}{more}."
+        meanings.setdefault(name, about.get("long_name", meaning))
     words = [
         " ".join(meanings[name] for name in metric_ids(dataset)),
         f"± and [ ]: 95 % interval over sessions ({over}); scenes are fixed.",
@@ -178,8 +183,8 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
     ]
     if any(row.note == NO_FLICKER for row in rows):
         words.append(
-            f"No ratio (–) where the baseline's MTCD is at most {MIN_BASELINE_MTCD}: "
-            f"{NO_FLICKER}, left out of the geometric mean."
+            f"No ratio (–) where the baseline's {headline} is at most "
+            f"{MIN_BASELINE_MTCD}: {NO_FLICKER}, left out of the geometric mean."
         )
     gains: dict[str, list[str]] = {}
     for row in rows:
@@ -208,7 +213,3 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
 
 def _half(low: float, high: float) -> float:
     return (high - low) / 2
-
-
-def _words(metric: str) -> str:
-    return metric.replace("_", " ")

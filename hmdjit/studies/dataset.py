@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._files import written_atomically
+from ..estimates.decibels import AVERAGED, decibels_of
 from .definition import StudyDefinition
 
 if TYPE_CHECKING:
@@ -24,23 +25,22 @@ def gathered(
 ) -> "xarray.Dataset":
     """Gather what was measured: a variable for each metric.
 
-    **Arguments:** `rotation_deg`: RMS rotation per frame of each session; `subjects`:
-    of each, of a replay.
+    **Arguments:** `measured`: of decibels, the power of the error; `rotation_deg`: RMS
+    rotation per frame of each session; `subjects`: of each, of a replay.
     """
     import xarray
 
     dims = ("technique", "scene", "session")
-    variables: dict[str, Any] = {
-        metric.id: (
-            dims,
-            values,
-            {
-                "units": metric.unit,
-                "better": "less" if metric.less_is_better else "more",
-            },
-        )
-        for metric, values in zip(study.metrics, measured, strict=True)
-    }
+    variables: dict[str, Any] = {}
+    for metric, values in zip(study.metrics, measured, strict=True):
+        how = {"units": metric.unit, "better": "more"}
+        if metric.less_is_better:
+            how["better"] = "less"
+        if metric.about:
+            how["long_name"] = metric.about
+        if metric.is_in_decibels:
+            how, values = how | AVERAGED, decibels_of(values)
+        variables[metric.id] = (dims, values, how)
     about = {"units": "deg", "long_name": "RMS rotation per frame"}
     variables["rotation_deg"] = ("session", rotation_deg, about)
     places = {

@@ -12,7 +12,7 @@ from ..frames.sources import AbstractSource
 from ..frames.texture import Texture
 from ..head_motion import HeadMotion
 from ..metrics import STANDARD, AbstractMetric
-from ..metrics.base import check_metrics
+from ..metrics.base import check_block, check_metrics
 from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene, check_scene
 from ..simulation.simulate import check_gives
@@ -71,10 +71,15 @@ class StudyDefinition(eqx.Module):
             )
         _checks.one_of("baseline", self.baseline, ids)
         check_metrics(self.metrics)
+        if self.metrics[0].is_in_decibels:
+            raise ValueError(
+                "metrics must begin with one that has ratios, and decibels have none: "
+                f"name mse before {self.metrics[0].id}."
+            )
         _checks.whole("sessions", self.sessions, 1)
         _checks.whole("frames", self.frames, 2)
         _checks.whole("warmup", self.warmup, 0)
-        self.measure.block_size(self.camera)
+        check_block(self.metrics, *self.measure.block_size(self.camera))
         check_baking(self.camera, self.oversampling, self.margin_deg)
         if not isinstance(self.neck, NeckModel | None):
             raise ValueError(f"neck must be a NeckModel or None, got {self.neck!r}.")

@@ -156,6 +156,13 @@ def metric_ids(dataset: "xarray.Dataset") -> list[str]:
     ]
 
 
+def metric_words(metric: str) -> str:
+    """Spell a metric's id as words: MTCD, detail loss."""
+    acronyms = {"mtcd", "mse", "rmsd", "psnr", "snr", "ssim", "ciede2000"}
+    words = metric.split("_")
+    return " ".join(word.upper() if word in acronyms else word for word in words)
+
+
 def made_by() -> str:
     """Name the version and the model that numbers come from."""
     return f"hmdjit {__version__}, model {MODEL_VERSION}"

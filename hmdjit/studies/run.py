@@ -16,6 +16,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..estimates.decibels import power_of
 from ..frames.sources import AbstractSource
 from ..techniques.check import forget_checks
 from ..techniques.small_motion import Still
@@ -199,10 +200,10 @@ class Run:
             }
             if kept and new:
                 self.store.keep(file, key, new)
-        values = [
-            [found[key].metrics[metric.id] for key in stage.techniques]
-            for metric in self.study.metrics
-        ]
+        values = []
+        for metric in self.study.metrics:
+            each = [found[key].metrics[metric.id] for key in stage.techniques]
+            values.append(power_of(each) if metric.is_in_decibels else each)
         return np.asarray(values, float), sum(len(stage.places[k]) for k in missing)
 
     def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:

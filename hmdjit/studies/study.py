@@ -34,7 +34,8 @@ class Study(StudyDefinition):
     - `baseline`: id of the technique that ratios refer to.
     - `oversampling`: texels per display pixel and axis, 1, 2 or 4.
     - `margin_deg`: how far a head may turn from where it started.
-    - `metrics`: what is measured; the first is the headline, which ratios are of.
+    - `metrics`: what is measured; the first is the headline, which ratios are of, and
+      not in decibels. What reads neighbours, as SSIM does, reads none beyond its block.
     - `neck`: on which a head turns before solids, where its positions are not recorded;
       None turns it about the eye. Pictures have no depth, and know no positions.
     - `reference_samples`, `reference_every`: of solids, rays per pixel in the picture
