@@ -12,7 +12,7 @@ from . import curve_file
 from .base import SPACES, AbstractSpatial, AbstractTechnique
 from .freeze import Freeze
 from .head_movement import HeadMovement
-from .spatial import MSAA, SSAA, NoAntialiasing
+from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
 
 IDS = (
     "none",
@@ -20,10 +20,11 @@ IDS = (
     *(f"msaa{n}" for n in MULTISAMPLE_COUNTS[1:]),
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
     *("ssaa2_gamma", "ssaa2_lanczos2", "ssaa2_lanczos2_gamma"),
+    *("accumulation16", "accumulation128"),
     "head_movement",
 )
-"""Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
-`head_movement:curve.toml` reads a file."""
+"""Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
+`head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file."""
 
 _SSAA = r"ssaa([1-9]\d?)(?:_(lanczos2)(?:_taps(11))?)?(?:_(gamma))?"
 
@@ -65,6 +66,8 @@ def by_id(id: str) -> AbstractTechnique:
                 lanczos2 or "box",
                 int(taps or 0) or "exact",
             )
+        if match := re.fullmatch(r"accumulation([1-9]\d*)(?:_(gamma))?", name):
+            return AccumulationBuffer(int(match[1]), match[2] or "linear")
     near = difflib.get_close_matches(id, IDS, n=1)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     raise ValueError(f"technique must be one of {', '.join(IDS)}, got {id!r}.{hint}")
