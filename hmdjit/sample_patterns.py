@@ -82,3 +82,14 @@ def halton(count: int, *, first: int = 1, scrambled: bool = False) -> Pattern:
             for n in range(count)
         ]
     )
+
+
+def accumulation(samples: int) -> Pattern:
+    """Return where the renders of an accumulation buffer lie, shape `(samples, 2)`.
+
+    A scrambled Halton sequence from index 0 on. It begins in the pixel's upper left
+    corner, so that 128 samples have their mean at (-0.0039, -0.0056) px.
+
+    **Source:** code of Oliveros' thesis, where the picture moves the other way.
+    """
+    return halton(samples, first=0, scrambled=True) - 0.5

@@ -60,16 +60,16 @@ def around(planes: AnyPlanes, radius_px: int) -> Reader:
     )
 
 
-def reader(padded: AnyPlanes, margin_px: int, more_px: int = 0) -> Reader:
+def reader(planes: AnyPlanes, margin_px: int, more_px: int = 0) -> Reader:
     """Return what reads planes that have a margin.
 
     **Arguments:** `more_px`: columns and rows that are read beyond the planes' end.
     """
-    height, width = (size - 2 * margin_px + more_px for size in padded.shape[-2:])
+    height, width = (size - 2 * margin_px + more_px for size in planes.shape[-2:])
 
     def at(dx: int, dy: int) -> AnyPlanes:
         left, top = margin_px + dx, margin_px + dy
-        return padded[..., top : top + height, left : left + width]
+        return planes[..., top : top + height, left : left + width]
 
     return at
 

@@ -22,6 +22,8 @@ _OF_A_PICTURE = {"depth": jnp.inf, "object_id": 0, "motion_class": 0, "coverage"
 PICTURE = frozenset({"color", "supersampled", "albedo", "velocity", *_OF_A_PICTURE})
 """What there is to ask of a picture."""
 
+_UNROLLED = 4  # samples: a read takes seconds to compile, so more are made in a loop
+
 
 class Texture(AbstractSource):
     """A scene seen from the hold pose, baked: the image plane with a margin around it.
@@ -120,7 +122,10 @@ class Texture(AbstractSource):
             read = ["color"]
         for name in read:
             at = lambda sample, name=name: self._at(view, sample, name)
-            found[name] = jnp.stack([at(sample) for sample in samples_px])
+            if len(samples_px) <= _UNROLLED:
+                found[name] = jnp.stack([at(sample) for sample in samples_px])
+            else:
+                found[name] = jax.lax.map(at, jnp.asarray(samples_px, dtype))
         if "albedo" in channels:
             found["albedo"] = found[read[0]]
         return found

@@ -145,8 +145,9 @@ class Solids(AbstractScene, AbstractSource):
         **Source:** the accumulation buffer of Oliveros' thesis, indices from 0 on.
         """
         count = view.reading.reference_samples
-        offsets = sample_patterns.halton(count, first=0, scrambled=True) - 0.5
-        offsets = jnp.asarray(offsets, view.motion.offset.dtype)
+        offsets = jnp.asarray(
+            sample_patterns.accumulation(count), view.motion.offset.dtype
+        )
         return solid_channels.accumulated(self.world(view), view, offsets)
 
     def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:

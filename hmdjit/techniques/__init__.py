@@ -21,4 +21,5 @@ from .registry import IDS as IDS
 from .registry import by_id as by_id
 from .spatial import MSAA as MSAA
 from .spatial import SSAA as SSAA
+from .spatial import AccumulationBuffer as AccumulationBuffer
 from .spatial import NoAntialiasing as NoAntialiasing
