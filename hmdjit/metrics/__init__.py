@@ -10,6 +10,8 @@ take two pictures on one scale, as it is.
 from .base import AbstractMetric as AbstractMetric
 from .base import PixelMean as PixelMean
 from .base import Streamed as Streamed
+from .color_difference import ciede2000 as ciede2000
+from .color_difference import lab as lab
 from .image_error import DetailLoss as DetailLoss
 from .image_error import mse as mse
 from .image_error import psnr as psnr
