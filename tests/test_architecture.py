@@ -134,6 +134,10 @@ FOLDERS = {
         ("pictures",),
         ("table",),
     ],
+    "reproductions": [
+        ("claims", "color_pairs", "eye", "two_colored"),
+        ("*",),
+    ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
     "cli": [

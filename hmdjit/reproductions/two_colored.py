@@ -1,0 +1,88 @@
+"""A pattern in two colours, seen exactly: no texture lies between it and its samples.
+
+A texture would smooth the very edges whose anti-aliasing is compared.
+"""
+
+from collections.abc import Collection
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Shaped
+
+from .. import color, quaternion, sample_patterns
+from .._types import Numbers, Plane, Rgb
+from ..camera import Camera, Region
+from ..frames.motion import Motion
+from ..frames.sources import AbstractSource, Places, View
+from ..scenes.base import AbstractFlatScene
+
+
+class TwoColored(AbstractSource):
+    """A black and white pattern, infinitely far away, in two colours instead.
+
+    - `pattern`: from 0 (`first`) to 1 (`second`).
+    - `first`, `second`: gamma colours, `(3,)`, in `[0, 1]`.
+    """
+
+    pattern: AbstractFlatScene
+    first: Float[Array | np.ndarray, "3"]
+    second: Float[Array | np.ndarray, "3"]
+
+    @property
+    def gives(self) -> frozenset[str]:
+        """Colour alone."""
+        return frozenset({"color"})
+
+    def seen(
+        self, view: View, samples_px: Places, channels: Collection[str]
+    ) -> dict[str, Shaped[Array, "samples channels height width"]]:
+        """Colour at each sample's own point."""
+        share = self._share(view, jnp.asarray(samples_px, view.motion.offset.dtype))
+        return {"color": self._mixed(self.first, self.second, share[:, None])}
+
+    def reference(self, view: View) -> Rgb:
+        """Mix both in linear light, by their shares of a pixel's square.
+
+        **Accuracy:** that of as many samples of a scrambled Halton sequence as the
+        view's reading says.
+        """
+        dtype = view.motion.offset.dtype
+        count = view.reading.reference_samples
+        offsets = sample_patterns.halton(count, first=0, scrambled=True) - 0.5
+
+        def add(total: Plane, offset: Array) -> tuple[Plane, None]:
+            return total + self._share(view, offset[None])[0], None
+
+        start = jnp.zeros((view.region.height, view.region.width), dtype)
+        total, _ = jax.lax.scan(add, start, jnp.asarray(offsets, dtype))
+        light = [color.decode(jnp.asarray(c, dtype)) for c in (self.first, self.second)]
+        return color.encode(self._mixed(*light, total / count))
+
+    def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
+        """Whether the pose is known: the pattern has no end."""
+        return jnp.isfinite(motion.offset).all()
+
+    def _share(
+        self, view: View, offsets_px: Float[Array, "samples 2"]
+    ) -> Float[Array, "samples height width"]:
+        """Share of the second colour at points of each pixel: 0 or 1."""
+        camera, dtype = view.camera, offsets_px.dtype
+        focal = jnp.asarray(camera.focal_px, dtype)
+        dx, dy = (part[:, None, None] for part in offsets_px.T)
+        x = view.region.columns().astype(dtype)[None] + 0.5 + dx
+        y = view.region.rows().astype(dtype)[None] + 0.5 + dy
+        x, y = (x - camera.width_px / 2) / focal, (camera.height_px / 2 - y) / focal
+        ray = jnp.stack([*jnp.broadcast_arrays(x, y), -jnp.ones_like(x + y)])
+        turn = quaternion.matrix_minus_identity(view.motion.offset)
+        # In full precision: some devices shorten the numbers of products.
+        moved = jnp.tensordot(turn, ray, 1, precision="highest")
+        return self.pattern.color(camera, ray + moved)[0]
+
+    @staticmethod
+    def _mixed(first: Numbers, second: Numbers, share: Numbers) -> Numbers:
+        """Mix two colours along the axis of three that a share lacks or has as one."""
+        first, second = (
+            jnp.asarray(c, share.dtype)[:, None, None] for c in (first, second)
+        )
+        return first + (second - first) * share
