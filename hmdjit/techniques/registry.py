@@ -19,10 +19,13 @@ IDS = (
     "freeze",
     *(f"msaa{n}" for n in MULTISAMPLE_COUNTS[1:]),
     *(f"ssaa{n}" for n in (2, 3, 4, 8)),
+    *("ssaa2_gamma", "ssaa2_lanczos2", "ssaa2_lanczos2_gamma"),
     "head_movement",
 )
 """Ids that are listed; `ssaa` takes any factor, `head_movement+ssaa2` stacks,
 `head_movement:curve.toml` reads a file."""
+
+_SSAA = r"ssaa([1-9]\d?)(?:_(lanczos2)(?:_taps(11))?)?(?:_(gamma))?"
 
 _NAMED: dict[str, AbstractTechnique] = {
     technique.id: technique
@@ -54,8 +57,14 @@ def by_id(id: str) -> AbstractTechnique:
     elif path is None and resolve is None:
         if name in _NAMED:
             return _NAMED[name]
-        if match := re.fullmatch(r"ssaa([1-9]\d?)(?:_(gamma))?", name):
-            return SSAA(int(match[1]), match[2] or "linear")
+        if match := re.fullmatch(_SSAA, name):
+            factor, lanczos2, taps, gamma = match.groups()
+            return SSAA(
+                int(factor),
+                gamma or "linear",
+                lanczos2 or "box",
+                int(taps or 0) or "exact",
+            )
     near = difflib.get_close_matches(id, IDS, n=1)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     raise ValueError(f"technique must be one of {', '.join(IDS)}, got {id!r}.{hint}")

@@ -4,11 +4,14 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from .. import _checks, sample_patterns
+from .. import _checks, color, sample_patterns
 from .._types import Rgb
+from ..filters import downsampling
 from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial, mean_of_samples
 from .small_motion import AsRendered
+
+FILTERS = ("box", "lanczos2")
 
 
 class _OwnSamples(AbstractSpatial):
@@ -37,25 +40,45 @@ class NoAntialiasing(_OwnSamples):
         return frame.color[0]
 
 
-class SSAA(_OwnSamples):
-    """Supersampling: `factor` x `factor` samples per pixel, averaged (box filter).
+class SSAA(AbstractSpatial):
+    """Supersampling: `factor` x `factor` samples per pixel, filtered.
+
+    Maruszczuk et al.'s BL, BG, LL and LG are `SSAA(2, space, filter)`: the filter's
+    letter comes first.
 
     - `factor`: samples per axis; 4 is the reference that detail loss is measured
       against.
-    - `space`: where the mean is taken, `"linear"` or `"gamma"`.
+    - `space`: what is filtered, `"linear"` light, encoded afterwards, or `"gamma"`.
+    - `filter`: `"box"`, the mean of a pixel's own samples, or `"lanczos2"`.
+    - `taps`: of Lanczos, `"exact"` or 11; see `downsampling.lanczos2_weights`.
     """
 
     factor: int = eqx.field(static=True, default=4)
     space: str = eqx.field(static=True, default="linear")
+    filter: str = eqx.field(static=True, default="box")
+    taps: downsampling.Taps = eqx.field(static=True, default="exact")
 
     def __check_init__(self):
         _checks.whole("factor", self.factor, 1)
         _checks.one_of("space", self.space, SPACES)
+        _checks.one_of("filter", self.filter, FILTERS)
+        downsampling.check_taps(self.taps)
+        if self.filter == "box" and self.taps != "exact":
+            raise ValueError(
+                f"taps must be 'exact' with filter = 'box', got {self.taps!r}."
+            )
 
     @property
     def id(self) -> str:
-        """`ssaa4`, with the factor, and `_gamma` where that is the space."""
-        return f"ssaa{self.factor}" + "_gamma" * (self.space == "gamma")
+        """`ssaa4`, with the factor, and what is not the default: filter, taps, space.
+
+        `ssaa2_lanczos2_taps11_gamma` has all of them.
+        """
+        words = [f"ssaa{self.factor}"]
+        words += ["lanczos2"] * (self.filter == "lanczos2")
+        words += [f"taps{self.taps}"] * (self.taps != "exact")
+        words += ["gamma"] * (self.space == "gamma")
+        return "_".join(words)
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -63,13 +86,29 @@ class SSAA(_OwnSamples):
         return sample_patterns.ordered_grid(self.factor)[None]
 
     @property
+    def stencil_radius_px(self) -> int:
+        """Lanczos reads the samples of neighbours."""
+        if self.filter == "box":
+            return 0
+        return downsampling.lanczos2_radius_px(self.factor, self.taps)
+
+    @property
     def reads_supersampled(self) -> bool:
-        """SSAA(4) in linear light is what a texture carries ready made."""
-        return self.factor == 4 and self.space == "linear"
+        """SSAA(4), box and linear light, is what a texture carries ready made."""
+        return self.id == "ssaa4"
+
+    def small_motion(self) -> AsRendered:
+        """Move with the scene."""
+        return AsRendered()
 
     def resolve(self, frame: Frame) -> Rgb:
-        """Mean of the samples."""
-        return mean_of_samples(frame.color, self.space)
+        """Filter the samples."""
+        if self.filter == "box":
+            return mean_of_samples(frame.color, self.space)
+        if self.space == "gamma":
+            return downsampling.lanczos2(frame.color, self.factor, self.taps)
+        light = color.decode(frame.color)
+        return color.encode(downsampling.lanczos2(light, self.factor, self.taps))
 
 
 class MSAA(_OwnSamples):
