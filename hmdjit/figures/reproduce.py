@@ -1,6 +1,7 @@
 """The picture of a paper's claims: what was measured, and which verdicts follow."""
 
 import textwrap
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -52,7 +53,7 @@ def _means(axes: Axes, found: Found) -> None:
     axes.grid(axis="y")
     axes.set_ylabel(f"{first[0].measure}, {first[0].unit}")
     axes.set_title("What was measured")
-    axes.legend()
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2)
 
 
 def _matrix(axes: Axes, found: Found) -> None:
@@ -66,7 +67,7 @@ def _matrix(axes: Axes, found: Found) -> None:
             lw=0,
         )
         weight = "bold" if y == 0 else "normal"
-        middle = {"ha": "center", "va": "center"}
+        middle: Any = {"ha": "center", "va": "center"}
         axes.text(
             x, y - 0.17, claim.verdict, fontsize=drawing.NAME, weight=weight, **middle
         )
@@ -82,3 +83,4 @@ def _matrix(axes: Axes, found: Found) -> None:
     axes.set_xlim(-0.5, len(claims) - 0.5)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.spines[:].set_visible(False)
+    axes.set_title("What it says of the paper's claims, by each measure", pad=10)

@@ -11,14 +11,12 @@ def verdicts(found: Found) -> tables.Continued:
     """Lay out the paper's own question: each claim with what was measured of it."""
     columns = {"claim": tables.WORDS, "verdict": tables.WORDS}
     columns |= {"value": tables.READY, "95 % interval": tables.READY}
-    columns |= {"of": tables.WORDS}
     rows = [
         (
             f"{k}. {claim.claim}",
             claim.verdict,
             number(claim.value),
             f"{number(claim.low)} to {number(claim.high)}",
-            f"{claim.quantity}; {claim.unit}",
         )
         for k, claim in enumerate(_of(found, found.measures[0]), 1)
     ]
@@ -40,7 +38,7 @@ def by_measure(found: Found) -> tables.Continued:
 def explanation(found: Found) -> str:
     """Say what was run, why the verdicts are what they are, and what else there is."""
     reasons = [
-        f"{k}. {claim.verdict}: {claim.reason}."
+        f"{k}. {claim.verdict} ({claim.quantity}, {claim.unit}): {claim.reason}."
         for k, claim in enumerate(_of(found, found.measures[0]), 1)
     ]
     return "\n".join([*reasons, *found.lines, found.about])

@@ -45,8 +45,8 @@ def differences(colors: Float[Array, "colors 3"]) -> Float[Array, "colors colors
 
     def to_all(one: tuple[Array, Array]) -> Array:
         in_gamma, in_light = one
-        linear = lab((in_light + light) / 2, space="linear")
-        return ciede2000(linear, lab((in_gamma + colors) / 2))
+        linear = lab((in_light[None] + light) / 2, space="linear")
+        return ciede2000(linear, lab((in_gamma[None] + colors) / 2))
 
     return jax.lax.map(to_all, (colors, light))
 
@@ -98,8 +98,10 @@ def _pair(
 ) -> ColorPair:
     light = color.decode(jnp.asarray(np.stack([first, second]), float))
     linear = np.asarray(color.encode(jnp.mean(light, axis=0)), float)
-    mixes = (first, second, linear, (first + second) / 2)
-    return ColorPair(*map(_code, mixes), difference)
+    gamma = (first + second) / 2
+    return ColorPair(
+        _code(first), _code(second), _code(linear), _code(gamma), difference
+    )
 
 
 def _code(gamma: Float[np.ndarray, "3"]) -> Code:

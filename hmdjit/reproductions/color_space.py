@@ -15,6 +15,7 @@ from the paper: only an order follows.
 import itertools
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,6 @@ from ..camera import Camera
 from ..estimates.intervals import Interval, mean_interval
 from ..head_motion import HeadMotion
 from ..metrics import MTCD, AbstractMetric, DetailLoss
-from ..scenes.base import AbstractFlatScene
 from ..scenes.patterns import checkerboard, honeycomb
 from ..studies.progress import Tell
 from ..studies.study import Study
@@ -42,8 +42,13 @@ _BATCH = 40  # sessions that an interruption loses at most
 _FRAMES, _EVERY = 8, 4  # of a session; of them two are held against the reference
 _RAYS = 128  # in a pixel of the reference
 _ABOUT = 0.25  # of what lies between best and worst: two that differ less are alike
-_BLURS_PX = (0.5, 1.0, 2.0)  # beside the eye's own
-PATTERNS = ("checkerboard", "honeycomb")
+_SQUARE_DEG, _CELL_DEG, _WALL_DEG = 2.0, 4.0, 0.4  # of the patterns, our choice
+EDGES_PER_DEG = {
+    "checkerboard": 2 / _SQUARE_DEG,
+    "honeycomb": 4 * (_CELL_DEG - _WALL_DEG) / _CELL_DEG**2,
+}
+"""Length of the edges in a pattern, degrees per square degree."""
+PATTERNS = tuple(EDGES_PER_DEG)
 
 Values = Float[np.ndarray, "condition pattern pair session"]
 
@@ -75,45 +80,60 @@ def conditions() -> dict[str, AbstractTechnique]:
 
 def measures(camera: Camera) -> list[Measure]:
     """Return what is measured; the first is what the verdicts are of."""
-    width = eye.sigma_px(camera)
-    blurs = {"eye": width} | {f"{px:g}_px".replace(".", "_"): px for px in _BLURS_PX}
-    found = [
-        Measure(
-            eye.SeenColorError(sigma_px=sigma, id=f"color_error_{name}"),
-            "colour error, eye" if name == "eye" else f"colour error, {sigma:g} px",
-        )
-        for name, sigma in blurs.items()
+    seen = lambda sigma, id, is_to_scene=False: eye.SeenColorError(
+        sigma_px=sigma, id=f"color_error_{id}", is_to_scene=is_to_scene
+    )
+    return [
+        Measure(seen(eye.sigma_px(camera), "eye"), "colour error, eye"),
+        Measure(seen(1.0, "1_px"), "colour error, 1 px"),
+        Measure(seen(2.0, "2_px"), "colour error, 2 px"),
+        Measure(seen(1.0, "to_scene", is_to_scene=True), "to scene, 1 px"),
+        Measure(DetailLoss(), "squared error"),
+        Measure(MTCD(), "flicker"),
     ]
-    return [*found, Measure(DetailLoss(), "squared error"), Measure(MTCD(), "flicker")]
 
 
-def study(camera: Camera, pairs: Sequence[ColorPair], sessions: int) -> Study:
-    """Return the experiment: each pattern in each pair of colours, seen exactly."""
-    known: dict[str, AbstractFlatScene] = {
-        "checkerboard": checkerboard(),
-        "honeycomb": honeycomb(),
+def studies(
+    camera: Camera, pairs: Sequence[ColorPair], sessions: int
+) -> dict[str, Study]:
+    """Return the experiment: each pattern in each pair of colours, seen exactly.
+
+    Two studies, by what frames are held against: `pixels`, means over a pixel's square,
+    and `scene`, the scene behind a blur.
+    """
+    patterns = {
+        "checkerboard": checkerboard(_SQUARE_DEG),
+        "honeycomb": honeycomb(_CELL_DEG, wall_deg=_WALL_DEG),
     }
     rgb = lambda code: np.asarray(code, np.float32) / 255
-    return Study(
-        scenes={
-            f"{name}_{k + 1}": TwoColored(
-                known[name], rgb(pair.first), rgb(pair.second)
-            )
-            for name in PATTERNS
-            for k, pair in enumerate(pairs)
-        },
-        techniques=conditions().values(),
-        baseline=conditions()["BL"].id,
-        head=HeadMotion.fixating(),
-        neck=None,
-        camera=camera,
-        sessions=sessions,
-        frames=_FRAMES,
-        warmup=0,
-        metrics=[measure.metric for measure in measures(camera)],
-        reference_samples=_RAYS,
-        reference_every=_EVERY,
-    )
+    found = {}
+    for name, blur_px in (("pixels", 0.0), ("scene", 1.0)):
+        mine = [m.metric for m in measures(camera) if _against(m.metric) == name]
+        found[name] = Study(
+            scenes={
+                f"{pattern}_{k + 1}": TwoColored(
+                    scene, rgb(pair.first), rgb(pair.second), blur_px
+                )
+                for pattern, scene in patterns.items()
+                for k, pair in enumerate(pairs)
+            },
+            techniques=conditions().values(),
+            baseline=conditions()["BL"].id,
+            head=HeadMotion.fixating(),
+            neck=None,
+            camera=camera,
+            sessions=sessions,
+            frames=_FRAMES,
+            warmup=0,
+            metrics=mine,
+            reference_samples=_RAYS,
+            reference_every=_EVERY,
+        )
+    return found
+
+
+def _against(metric: AbstractMetric) -> str:
+    return "scene" if getattr(metric, "is_to_scene", False) else "pixels"
 
 
 def run(
@@ -121,36 +141,40 @@ def run(
     sessions: int,
     *,
     seed: int = 0,
-    out: str | os.PathLike | None = None,
+    out: str | os.PathLike,
     overwrite: bool = False,
     progress: Tell = lambda event: None,
 ) -> Found:
-    """Run the experiment, or go on with it; finished batches are kept in `out`."""
+    """Run the experiment, or go on with it.
+
+    **Arguments:** `out`: folder where finished batches are kept; `overwrite`: whether
+    results of another experiment in it are replaced.
+    """
     pairs = most_different()
-    made = study(camera, pairs, sessions)
-    size = min(_BATCH, sessions)
-    data = made.run(
-        seed, out=out, batch_size=size, overwrite=overwrite, progress=progress
-    )
-    shape = (len(made.techniques), len(PATTERNS), len(pairs), sessions)
-    every_value = {
-        measure: np.asarray(data[measure.metric.id].values).reshape(shape)
+    made = studies(camera, pairs, sessions)
+    datasets = {
+        name: each.run(
+            seed,
+            out=Path(out) / name,
+            batch_size=min(_BATCH, sessions),
+            overwrite=overwrite,
+            progress=progress,
+        )
+        for name, each in made.items()
+    }
+    shape = (len(conditions()), len(PATTERNS), len(pairs), sessions)
+    values = {
+        measure: datasets[_against(measure.metric)][measure.metric.id].values
         for measure in measures(camera)
     }
-    claims = [
-        claim
-        for measure, values in every_value.items()
-        for claim in claims_by(measure, values)
-    ]
+    values = {measure: found.reshape(shape) for measure, found in values.items()}
     return Found(
         title=TITLE,
-        about=_about(made, camera),
-        claims=claims,
-        measured=[
-            row for item in every_value.items() for row in measured(*item, len(pairs))
-        ],
+        about=_about(made["pixels"], camera),
+        claims=[claim for item in values.items() for claim in claims_by(*item)],
+        measured=[row for item in values.items() for row in measured(*item)],
         cases=PATTERNS,
-        lines=_lines(every_value, pairs),
+        lines=_lines(values, pairs),
         tables={"color_pairs": [_hexes(pair) for pair in pairs]},
     )
 
@@ -191,10 +215,9 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     alike, margin = gap("LG", "BL"), _ABOUT * spread
     each = [worse[names.index("BG"), p] - worse[names.index("LL"), p] for p in (0, 1)]
     more = mean_interval(each[0].mean(axis=0) - each[1].mean(axis=0))
-    sizes = ", ".join(
-        f"{pattern} {part.mean():.3g}"
-        for pattern, part in zip(PATTERNS, each, strict=True)
-    )
+    gaps = dict(zip(PATTERNS, (float(part.mean()) for part in each), strict=True))
+    sizes = ", ".join(f"{pattern} {gap:.3g}" for pattern, gap in gaps.items())
+    lengths = ", ".join(f"{gaps[p] / EDGES_PER_DEG[p]:.3g}" for p in PATTERNS)
     return [
         extreme("LL", 1, "LL is the best", "the next best, minus LL"),
         _claim(
@@ -212,7 +235,8 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
             "BG minus LL, of checkerboard minus honeycomb",
             more,
             above(more),
-            f"BG minus LL: {sizes} {unit}",
+            f"BG minus LL: {sizes} {unit}; per degree of edge in a square degree "
+            f"{lengths}, and how much edge there is was our choice",
         ),
     ]
 
@@ -231,13 +255,13 @@ def _claim(
     )
 
 
-def measured(measure: Measure, values: Values, pairs: int) -> list[Measured]:
+def measured(measure: Measure, values: Values) -> list[Measured]:
     """Mean of each condition in each pattern, and in each of its pairs of colours."""
     rows = []
     for name, of_condition in zip(conditions(), values, strict=True):
         for pattern, part in zip(PATTERNS, of_condition, strict=True):
             cases = {pattern: part.mean(axis=0)}
-            cases |= {f"{pattern}_{k + 1}": part[k] for k in range(pairs)}
+            cases |= {f"{pattern}_{k + 1}": pair for k, pair in enumerate(part)}
             for case, sessions in cases.items():
                 found = mean_interval(sessions)
                 numbers = (found.value, found.low, found.high)

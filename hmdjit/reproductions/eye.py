@@ -39,14 +39,15 @@ def weights(sigma_px: float) -> Float[np.ndarray, " taps"]:
     """
     if sigma_px == 0:
         return np.ones(1)
-    reach = math.ceil(_REACH * sigma_px - 0.5)
-    edges = stats.norm.cdf((np.arange(-reach, reach + 2) - 0.5) / sigma_px)
-    return np.diff(edges) / (edges[-1] - edges[0])
+    reach = max(math.ceil(_REACH * sigma_px - 0.5), 1)
+    edges = np.arange(-reach, reach + 2) - 0.5
+    found = np.diff(stats.norm.cdf(edges / sigma_px))
+    return found / found.sum()
 
 
-def blurred(linear: Planes, sigma_px: float) -> Planes:
+def blurred(linear: Planes, weights: Float[np.ndarray, " taps"]) -> Planes:
     """Blur planes along both axes; at their edge colours are repeated."""
-    taps = weights(sigma_px).tolist()
+    taps = weights.tolist()
     reach = len(taps) // 2
     for axis in (-1, -2):
         size, widths = linear.shape[axis], [(0, 0)] * linear.ndim
@@ -64,11 +65,14 @@ class SeenColorError(PixelMean):
 
     - `sigma_px`: standard deviation of the blur, a Gaussian in linear light; px, at
       least 0. At the edge of a measured block colours are repeated.
+    - `is_to_scene`: whether the reference is what the eye sees of the scene, blurred
+      already. Else it is pixels like those displayed, squares of light.
     - `id`: of this blur.
     """
 
     sigma_px: float = eqx.field(static=True)
     id: str = eqx.field(static=True)  # pyright: ignore
+    is_to_scene: bool = eqx.field(static=True, default=False)
     unit: ClassVar[str] = "CIEDE2000"
     needs_reference: ClassVar[bool] = True
 
@@ -80,8 +84,13 @@ class SeenColorError(PixelMean):
     ) -> Plane:
         """CIEDE2000 of each pixel."""
         assert reference is not None
-        pair = (blurred(color.decode(rgb), self.sigma_px) for rgb in (shown, reference))
-        test, against = (
-            lab(jnp.moveaxis(light, 0, -1), space="linear") for light in pair
+        taps = weights(self.sigma_px)
+        light = blurred(color.decode(shown), taps)
+        against = color.decode(reference)
+        if not self.is_to_scene:
+            against = blurred(against, taps)
+        labs = (
+            lab(jnp.moveaxis(planes, 0, -1), space="linear")
+            for planes in (light, against)
         )
-        return ciede2000(test, against)
+        return ciede2000(*labs)

@@ -5,17 +5,19 @@ A texture would smooth the very edges whose anti-aliasing is compared.
 
 from collections.abc import Collection
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
+from scipy import stats
 
 from .. import color, quaternion, sample_patterns
 from .._types import Numbers, Plane, Rgb
 from ..camera import Camera, Region
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, Places, View
-from ..scenes.base import AbstractFlatScene
+from ..scenes.base import AbstractScene
 
 
 class TwoColored(AbstractSource):
@@ -23,11 +25,14 @@ class TwoColored(AbstractSource):
 
     - `pattern`: from 0 (`first`) to 1 (`second`).
     - `first`, `second`: gamma colours, `(3,)`, in `[0, 1]`.
+    - `blur_px`: of the reference, standard deviation of a Gaussian; 0 is the mean over
+      a pixel's square.
     """
 
-    pattern: AbstractFlatScene
+    pattern: AbstractScene
     first: Float[Array | np.ndarray, "3"]
     second: Float[Array | np.ndarray, "3"]
+    blur_px: float = eqx.field(static=True, default=0.0)
 
     @property
     def gives(self) -> frozenset[str]:
@@ -39,25 +44,30 @@ class TwoColored(AbstractSource):
     ) -> dict[str, Shaped[Array, "samples channels height width"]]:
         """Colour at each sample's own point."""
         share = self._share(view, jnp.asarray(samples_px, view.motion.offset.dtype))
-        return {"color": self._mixed(self.first, self.second, share[:, None])}
+        return {"color": _mixed(self.first, self.second, share[:, None])}
 
     def reference(self, view: View) -> Rgb:
-        """Mix both in linear light, by their shares of a pixel's square.
+        """Mix both in linear light, by their shares of a pixel's square, or of a blur.
 
         **Accuracy:** that of as many samples of a scrambled Halton sequence as the
         view's reading says.
         """
         dtype = view.motion.offset.dtype
         count = view.reading.reference_samples
-        offsets = sample_patterns.halton(count, first=0, scrambled=True) - 0.5
+        offsets = sample_patterns.halton(count, first=1, scrambled=True)
+        if self.blur_px:
+            offsets = self.blur_px * stats.norm.ppf(offsets)
+        else:
+            offsets = offsets - 0.5
 
         def add(total: Plane, offset: Array) -> tuple[Plane, None]:
             return total + self._share(view, offset[None])[0], None
 
         start = jnp.zeros((view.region.height, view.region.width), dtype)
         total, _ = jax.lax.scan(add, start, jnp.asarray(offsets, dtype))
-        light = [color.decode(jnp.asarray(c, dtype)) for c in (self.first, self.second)]
-        return color.encode(self._mixed(*light, total / count))
+        first, second = (jnp.asarray(c, dtype) for c in (self.first, self.second))
+        light = _mixed(color.decode(first), color.decode(second), total[None] / count)
+        return color.encode(light)
 
     def covers(self, camera: Camera, region: Region, motion: Motion) -> Bool[Array, ""]:
         """Whether the pose is known: the pattern has no end."""
@@ -79,10 +89,13 @@ class TwoColored(AbstractSource):
         moved = jnp.tensordot(turn, ray, 1, precision="highest")
         return self.pattern.color(camera, ray + moved)[0]
 
-    @staticmethod
-    def _mixed(first: Numbers, second: Numbers, share: Numbers) -> Numbers:
-        """Mix two colours along the axis of three that a share lacks or has as one."""
-        first, second = (
-            jnp.asarray(c, share.dtype)[:, None, None] for c in (first, second)
-        )
-        return first + (second - first) * share
+
+def _mixed(
+    first: Array | np.ndarray, second: Array | np.ndarray, share: Numbers
+) -> Numbers:
+    """Mix two colours, `(3,)`, by planes of shares, `(..., 1, height, width)`."""
+    shape = (*(1,) * (share.ndim - 3), 3, 1, 1)
+    first, second = (
+        jnp.asarray(c, share.dtype).reshape(shape) for c in (first, second)
+    )
+    return first + (second - first) * share
