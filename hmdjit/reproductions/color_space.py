@@ -109,6 +109,8 @@ def studies(
     found = {}
     for name, blur_px in (("pixels", 0.0), ("scene", 1.0)):
         mine = [m.metric for m in measures(camera) if _against(m.metric) == name]
+        if not mine:
+            continue
         found[name] = Study(
             scenes={
                 f"{pattern}_{k + 1}": TwoColored(
@@ -117,7 +119,7 @@ def studies(
                 for pattern, scene in patterns.items()
                 for k, pair in enumerate(pairs)
             },
-            techniques=conditions().values(),
+            techniques=list(conditions().values()),
             baseline=conditions()["BL"].id,
             head=HeadMotion.fixating(),
             neck=None,
