@@ -79,7 +79,7 @@ FOLDERS = {
         ("solid_set", "study_set"),
     ],
     "filters": [("neighborhood",), ("edges",), ("*",)],  # of what lies around a pixel
-    "metrics": [("base",), ("*",)],
+    "metrics": [("base",), ("pictures",), ("*",), ("registry",)],
     "techniques": [
         ("small_motion",),
         ("base",),

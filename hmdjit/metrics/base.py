@@ -2,8 +2,9 @@
 
 A metric is a frozen configuration. A session calls `step` once for each measured frame
 or, where it cuts a large region into blocks, once for each block of it; colours are
-gamma in `[0, 1]`, planes `(3, height, width)`. Of a session's tiles a study takes the
-mean value. Nothing else knows which metrics a study has, or how many.
+gamma in `[0, 1]`, planes `(3, height, width)`. A metric that is not local gets all of
+the measured block at once. Of a session's tiles a study takes the `mean`. Nothing else
+knows which metrics a study has, or how many.
 """
 
 import abc
@@ -42,6 +43,14 @@ class AbstractMetric(eqx.Module):
     """Whether it compares each frame with the one before: the first measured frame is
     then only where the first pair starts."""
 
+    is_local: ClassVar[bool] = True
+    """Whether each pixel counts on its own. What reads neighbours, as SSIM does, is not
+    local: the measured block then stays in one piece, and nothing beyond it is read."""
+
+    is_in_decibels: ClassVar[bool] = False
+    """Whether it is `-10 log10` of an error's power, infinite where there is none: its
+    means are those of the powers. It is no headline: decibels have no ratio."""
+
     @abc.abstractmethod
     def init(self, measured: Region, dtype: DTypeLike) -> State:
         """State before the first frame of the measured block."""
@@ -64,6 +73,12 @@ class AbstractMetric(eqx.Module):
     @abc.abstractmethod
     def value(self, state: State) -> Scalar:
         """Return the metric over all frames so far."""
+
+    def mean(self, values: Float[Array, " blocks"]) -> Array:
+        """Mean over a session's blocks; infinite decibels are an error of 0."""
+        if not self.is_in_decibels:
+            return jnp.mean(values)
+        return -10 * log10(jnp.mean(10 ** (-values / 10)))
 
 
 RESERVED = frozenset(
@@ -140,6 +155,12 @@ def compensated(
     term = term - total[1]
     new = total[0] + term
     return jnp.stack([new, jax.lax.stop_gradient((new - total[0]) - term)])
+
+
+def log10(power: Scalar) -> Array:
+    """Logarithm; of 0 it is -inf, with a gradient of 0."""
+    is_zero = power == 0
+    return jnp.where(is_zero, -jnp.inf, jnp.log10(jnp.where(is_zero, 1.0, power)))
 
 
 def at_least_single(values: Numbers) -> Numbers:

@@ -1,8 +1,10 @@
 """CIEDE2000: how different two colours look, from their Lab values.
 
 Lab is of CIE 1976, in the white that the display shows: that of sRGB, by the matrix of
-its standard. The parametric factors kL, kC and kH are 1.
+its standard. The parametric factors kL, kC and kH are 1. About 1 is just noticed.
 """
+
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +12,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks, color
-from .._types import Numbers
-from .base import at_least_single
+from .._types import Numbers, Plane, Rgb, Scalar
+from . import pictures
+from .base import PixelMean, at_least_single
+from .pictures import root
 
 # IEC 61966-2-1:1999, equation 5: XYZ of linear light.
 _XYZ_FROM_LINEAR = np.array(
@@ -80,6 +84,48 @@ def ciede2000(
     )
 
 
+def ciede2000_map(
+    test: ArrayLike, reference: ArrayLike, *, peak: float | None = None
+) -> Plane:
+    """CIEDE2000 of each pixel of two gamma pictures, `(height, width)`.
+
+    **Arguments:** both `(height, width, 3)`, on one scale; `peak`: its largest possible
+    value, as of `psnr`.
+
+    **Errors:** `ValueError` for other shapes, for two scales, and where `peak` cannot
+    be told.
+    """
+    planes = pictures.planes(test, reference)
+    return _map(*planes, pictures.peak_of(test, reference, peak))
+
+
+def mean_ciede2000(
+    test: ArrayLike, reference: ArrayLike, *, peak: float | None = None
+) -> Scalar:
+    """Mean of `ciede2000_map` over pixels."""
+    return jnp.mean(ciede2000_map(test, reference, peak=peak))
+
+
+class CIEDE2000(PixelMean):
+    """Mean CIEDE2000 of displayed frames to the SSAA(4) reference of the same pose."""
+
+    id: ClassVar[str] = "ciede2000"
+    unit: ClassVar[str] = "about 1 is just noticed"
+    needs_reference: ClassVar[bool] = True
+
+    def per_pixel(
+        self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
+    ) -> Plane:
+        """Difference of a pixel's colours."""
+        assert reference is not None
+        return _map(shown, reference, 1.0)
+
+
+@jax.jit
+def _map(test: Rgb, reference: Rgb, peak: Scalar) -> Plane:
+    return _ciede2000(*(_lab(p / peak, "gamma") for p in (test, reference)))
+
+
 def _lab_planes(name: str, values: Array) -> Float[Array, "channels=3 *size"]:
     _checks.floating(name, values)
     planes = _planes(name, at_least_single(values))
@@ -132,10 +178,10 @@ def _ciede2000(
     (l1, a1, b1), (l2, a2, b2) = reference, test
     dl, da, db = l2 - l1, a2 - a1, b2 - b1
 
-    mean_chroma = (_root(a1**2 + b1**2) + _root(a2**2 + b2**2)) / 2
+    mean_chroma = (root(a1**2 + b1**2) + root(a2**2 + b2**2)) / 2
     stretch = 1.5 - 0.5 * _saturation(mean_chroma)
     a1, a2, da = stretch * a1, stretch * a2, stretch * da
-    c1, c2 = _root(a1**2 + b1**2), _root(a2**2 + b2**2)
+    c1, c2 = root(a1**2 + b1**2), root(a2**2 + b2**2)
     mean_l, mean_c = (l1 + l2) / 2, (c1 + c2) / 2
     # Differences of squares by sums of differences: near colours keep their digits.
     is_grey = c1 * c2 == 0
@@ -151,8 +197,8 @@ def _ciede2000(
     # 2 sqrt(c1 c2) sin(dh / 2), by the products of the two: atan2 has lost digits.
     dot, cross = a1 * a2 + b1 * b2, a1 * db - b1 * da
     is_near = dot >= 0
-    near = _over(cross, _root((c1 * c2 + dot) / 2))
-    far = _root(jnp.where(is_near, 0.0, 2 * (c1 * c2 - dot)))
+    near = _over(cross, root((c1 * c2 + dot) / 2))
+    far = root(jnp.where(is_near, 0.0, 2 * (c1 * c2 - dot)))
     dh = jnp.where(is_near, near, jnp.where((h2 > h1) ^ is_wrapped, far, -far))
     dh = jnp.where(is_grey, 0.0, dh)
 
@@ -171,13 +217,7 @@ def _ciede2000(
     turn = 30 * jnp.exp(-(((jnp.rad2deg(mean_h) - 275) / 25) ** 2))
     rotation = -2 * _saturation(mean_c) * jnp.sin(jnp.deg2rad(2 * turn))
     dl, dc, dh = dl / scale_l, dc / scale_c, dh / scale_h
-    return _root(dl**2 + dc**2 + dh**2 + rotation * dc * dh)
-
-
-def _root(square: Numbers) -> Numbers:
-    """Square root; at 0 its gradient is chosen as 0."""
-    is_zero = square <= 0
-    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, square)))
+    return root(dl**2 + dc**2 + dh**2 + rotation * dc * dh)
 
 
 def _over(value: Numbers, divisor: Numbers) -> Numbers:
@@ -196,4 +236,4 @@ def _hue(a: Numbers, b: Numbers, chroma: Numbers) -> Numbers:
 def _saturation(chroma: Numbers) -> Numbers:
     """Root of C^7 / (C^7 + 25^7)."""
     power = (chroma / 25) ** 7
-    return _root(power / (1 + power))
+    return root(power / (1 + power))

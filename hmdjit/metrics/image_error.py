@@ -1,4 +1,4 @@
-"""Errors of a picture against a reference: detail loss; MSE, RMSD, PSNR, SNR.
+"""Errors of a picture against a reference: MSE, which is detail loss; RMSD, PSNR, SNR.
 
 The functions take two pictures of one shape on one scale, whatever it is: both
 floating, or whole numbers of one dtype, whose codes count as they are. They average
@@ -14,23 +14,23 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, DTypeLike
 
-from .. import _checks, color
-from .._types import Numbers, Plane, Rgb, Scalar
-from .base import PixelMean, at_least_single
+from .. import color
+from .._types import Mask, Numbers, Plane, Rgb, Scalar
+from ..camera import Region
+from .base import AbstractMetric, PixelMean, State, compensated, log10
+from .pictures import pair, peak_of, root
 
 PEAK = color.CODE_VALUES
 
 
-class DetailLoss(PixelMean):
+class _SquaredError(PixelMean):
     """Mean squared error of displayed frames to the SSAA(4) reference of the same pose.
 
     Code values squared, over pixels, channels and frames.
     """
 
-    id: ClassVar[str] = "detail_loss"
     unit: ClassVar[str] = "code values^2"
     needs_reference: ClassVar[bool] = True
 
@@ -42,33 +42,95 @@ class DetailLoss(PixelMean):
         return PEAK**2 / 3 * color.squared_distance(shown, reference)
 
 
+class DetailLoss(_SquaredError):
+    """Mean squared error of displayed frames to the SSAA(4) reference of the same pose.
+
+    Code values squared, over pixels, channels and frames.
+    """
+
+    id: ClassVar[str] = "detail_loss"
+
+
+class MSE(_SquaredError):
+    """Detail loss, by the name that image metrics have."""
+
+    id: ClassVar[str] = "mse"
+
+
+class RMSD(_SquaredError):
+    """Root of a session's mean squared error to the reference, code values."""
+
+    id: ClassVar[str] = "rmsd"
+    unit: ClassVar[str] = "code values"
+
+    def value(self, state: State) -> Scalar:
+        """Root of the mean over pixels and frames; NaN of no pixel."""
+        return root(super().value(state))
+
+
+class PSNR(_SquaredError):
+    """Peak signal-to-noise ratio of displayed frames, of MSE's mean over all frames.
+
+    Infinite where there is no error at all, as of the reference technique.
+    """
+
+    id: ClassVar[str] = "psnr"
+    unit: ClassVar[str] = "dB"
+    less_is_better: ClassVar[bool] = False
+    is_in_decibels: ClassVar[bool] = True
+
+    def value(self, state: State) -> Scalar:
+        """Decibels of the mean over pixels and frames; NaN of no pixel."""
+        return _decibels(super().value(state), PEAK)
+
+
+class SNR(AbstractMetric):
+    """Signal-to-noise ratio of displayed frames: both are means over all frames.
+
+    Infinite where there is no error at all, -inf of one where the reference is black.
+    """
+
+    id: ClassVar[str] = "snr"
+    unit: ClassVar[str] = "dB"
+    less_is_better: ClassVar[bool] = False
+    needs_reference: ClassVar[bool] = True
+    is_in_decibels: ClassVar[bool] = True
+
+    def init(self, measured: Region, dtype: DTypeLike) -> State:
+        """No squares so far, of the error and of the reference."""
+        return jnp.zeros((2, 2), dtype)
+
+    def step(
+        self,
+        state: State,
+        shown: Rgb,
+        previous: Rgb | None,
+        reference: Rgb | None,
+        is_measured: Mask | None = None,
+    ) -> State:
+        """Add the pixels of a frame, or of a block of it."""
+        assert reference is not None
+        others = shown, jnp.zeros_like(shown)
+        squares = [color.squared_distance(reference, other) for other in others]
+        if is_measured is not None:
+            squares = [jnp.where(is_measured, plane, 0) for plane in squares]
+        return compensated(state, jnp.stack([jnp.sum(plane) for plane in squares]))
+
+    def value(self, state: State) -> Scalar:
+        """Decibels over pixels and frames; infinite of no pixel."""
+        (error, signal), _ = state
+        return _signal_to_noise(signal, error)
+
+
 def _measured(measure: Callable[[Numbers, Numbers], Scalar]) -> Callable:
     """Compile a measure of two pictures, and check them before."""
     compiled = jax.jit(measure)
 
     @functools.wraps(measure)
     def checked(test: ArrayLike, reference: ArrayLike) -> Scalar:
-        return compiled(*_floats(test, reference))
+        return compiled(*pair(test, reference))
 
     return checked
-
-
-def _floats(test: ArrayLike, reference: ArrayLike) -> list[Numbers]:
-    """Both on their own scale, as floats that do not wrap around or overflow."""
-    pair = jnp.asarray(test), jnp.asarray(reference)
-    shape, other_shape = (picture.shape for picture in pair)
-    if shape != other_shape:
-        raise ValueError(
-            f"test and reference must have one shape, got {shape} and {other_shape}."
-        )
-    dtype, other = (picture.dtype for picture in pair)
-    are_floats = all(jnp.issubdtype(d, jnp.floating) for d in (dtype, other))
-    if not (are_floats or (dtype == other and jnp.issubdtype(dtype, jnp.integer))):
-        raise ValueError(
-            "test and reference must both be floating, or whole numbers of one dtype: "
-            f"else their scales differ. Got {dtype} and {other}."
-        )
-    return [at_least_single(p if are_floats else p.astype(float)) for p in pair]
 
 
 @_measured
@@ -80,10 +142,7 @@ def mse(test: Numbers, reference: Numbers) -> Scalar:
 @_measured
 def rmsd(test: Numbers, reference: Numbers) -> Scalar:
     """Root of the mean squared error; any one shape."""
-    error = mse(test, reference)
-    is_zero = error == 0
-    # sqrt has an infinite slope at 0: keep 0 out of it, then put the value back.
-    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, error)))
+    return root(mse(test, reference))
 
 
 def psnr(test: ArrayLike, reference: ArrayLike, *, peak: float | None = None) -> Scalar:
@@ -95,25 +154,13 @@ def psnr(test: ArrayLike, reference: ArrayLike, *, peak: float | None = None) ->
     **Errors:** `ValueError` where it does not and pictures differ: they may be colours
     in `[0, 1]`. Inside compiled code that is not checked.
     """
-    error, dtype = mse(test, reference), jnp.asarray(test).dtype
-    if peak is None:
-        is_code = dtype in (jnp.uint8, jnp.uint16)
-        peak = float(jnp.iinfo(dtype).max) if is_code else PEAK
-        is_known = is_code or _checks.is_traced(error) or error == 0
-        largest = 255 if is_known else float(max(np.max(test), np.max(reference)))
-        if largest <= 1 or largest > peak:
-            raise ValueError(
-                f"peak must be named for values up to {largest:g}: "
-                "1 of colours in [0, 1], 255 of code values of 8 bits."
-            )
-    _checks.in_range("peak", peak, 0, open_low=True)
-    return _decibels(error, float(peak))
+    return _decibels(mse(test, reference), peak_of(test, reference, peak))
 
 
 @functools.partial(jax.jit, static_argnames="peak")
 def _decibels(error: Scalar, peak: float) -> Scalar:
     # Logarithms apart: the quotient of a small error is too large for float32.
-    return 20 * math.log10(peak) - 10 * _log10(error)
+    return 20 * math.log10(peak) - 10 * log10(error)
 
 
 @_measured
@@ -122,12 +169,9 @@ def snr(test: Numbers, reference: Numbers) -> Scalar:
 
     -inf of any other picture than black to black.
     """
-    error = mse(test, reference)
-    ratio = 10 * (_log10(jnp.mean(reference**2)) - _log10(error))
+    return _signal_to_noise(jnp.mean(reference**2), mse(test, reference))
+
+
+def _signal_to_noise(signal: Scalar, error: Scalar) -> Scalar:
+    ratio = 10 * (log10(signal) - log10(error))
     return jnp.where(error == 0, jnp.inf, ratio)
-
-
-def _log10(power: Scalar) -> Scalar:
-    """Logarithm; of 0 it is -inf, with a gradient of 0."""
-    is_zero = power == 0
-    return jnp.where(is_zero, -jnp.inf, jnp.log10(jnp.where(is_zero, 1.0, power)))

@@ -81,7 +81,8 @@ def session(
 
     # A stencil would find no neighbours at a block's edge.
     empty = [player.empty for player in players]
-    is_cuttable = all(p.is_local for p in players) and blocks.is_cuttable(empty)
+    is_local = all(one.is_local for one in (*players, *metrics))
+    is_cuttable = is_local and blocks.is_cuttable(empty)
     slices = reading.sampler == "slices"
     grid = blocks.cut(region) if slices and is_cuttable else blocks.uncut(region)
     is_whole = grid.count == 1

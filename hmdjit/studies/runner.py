@@ -182,4 +182,6 @@ def one_session(
             metrics=shared.metrics,
         )
 
-    return jax.tree.map(jnp.mean, jax.lax.map(one_block, origins))
+    found = jax.lax.map(one_block, origins)
+    mean = lambda result: {m.id: m.mean(result.metrics[m.id]) for m in shared.metrics}
+    return tuple(Result(mean(result)) for result in found)
