@@ -136,6 +136,7 @@ FOLDERS = {
     ],
     "reproductions": [
         ("claims", "color_pairs", "eye", "two_colored"),
+        ("color_space_claims",),
         ("*",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],

@@ -16,13 +16,13 @@ TINY += ["--width", "24", "--height", "24", "--fov", "6"]
 
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
-    """Two measures, one pair of colours from a coarse grid, few samples and frames."""
+    """Few measures, one pair of colours from a coarse grid, few samples and frames."""
     search = functools.partial(color_space.most_different, 1, levels=3)
     monkeypatch.setattr(color_space, "most_different", search)
     every = color_space.measures
-    few = lambda camera: [every(camera)[0], every(camera)[-1]]
+    few = lambda camera: [every(camera)[i] for i in (0, 1, -1)]
     monkeypatch.setattr(color_space, "measures", few)
-    # One kind of pattern: one program.
+    # All patterns of one kind: one program.
     alike = lambda cell_deg, wall_deg: hj.scenes.checkerboard(cell_deg + wall_deg)
     monkeypatch.setattr(color_space, "honeycomb", alike)
     for name, number in {"_RAYS": 8, "_FRAMES": 2, "_EVERY": 1, "_BATCH": 2}.items():
@@ -57,10 +57,10 @@ def test_each_claim_is_written_with_its_verdict_and_a_stopped_run_goes_on(
 
     monkeypatch.setattr(runner.Runner, "run", counts)
     assert main.run([*TINY, "--out", str(out)]) == 0
-    assert ran == [0, 2, 0, 2]  # two batches of two patterns, each once
+    assert ran == 4 * [0, 2]  # two batches of two patterns in two studies, each once
     printed = capsys.readouterr().out
     rows = _rows(out / "claims.csv")
-    assert len(rows) == 4 * 2
+    assert len(rows) == 4 * 3
     for row in rows:
         assert row["verdict"] in ("holds", "does not hold", "cannot be told")
         assert float(row["low"]) <= float(row["value"]) <= float(row["high"])
@@ -69,7 +69,7 @@ def test_each_claim_is_written_with_its_verdict_and_a_stopped_run_goes_on(
     for claim in {row["claim"] for row in rows}:
         assert claim.split()[0] in printed
     assert "LL > BL ~ LG > BG" in printed
-    assert len(_rows(out / "measured.csv")) == 2 * 4 * 2 * 2
+    assert len(_rows(out / "measured.csv")) == 3 * 4 * 2 * 2
     (pair,) = _rows(out / "color_pairs.csv")
     assert pair["first"][0] == "#"
     assert (out / "claims.png").stat().st_size > 10_000
@@ -77,7 +77,7 @@ def test_each_claim_is_written_with_its_verdict_and_a_stopped_run_goes_on(
     # Once more finds everything, and says the same.
     before = (out / "claims.csv").read_bytes()
     assert main.run([*TINY, "--out", str(out)]) == 0
-    assert len(ran) == 4
+    assert len(ran) == 8
     assert (out / "claims.csv").read_bytes() == before
 
 

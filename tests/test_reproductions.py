@@ -18,6 +18,7 @@ from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import View
 from hmdjit.metrics import DetailLoss
 from hmdjit.reproductions import claims, color_pairs, color_space, eye
+from hmdjit.reproductions import color_space_claims as judged
 from hmdjit.reproductions.claims import FAILS, HOLDS, UNTOLD
 from hmdjit.reproductions.two_colored import TwoColored
 
@@ -138,7 +139,8 @@ def test_two_colours_are_those_of_the_exact_pattern_at_any_pose():
     pattern = hj.scenes.checkerboard(1.0)
     offset = np.array([0.003, -0.007, 0.02])
     sample = np.array([[0.25, -0.25]])
-    source = TwoColored(pattern, first, second)
+    tilt = np.radians(7.0)
+    source = TwoColored(pattern, first, second, tilt_deg=7.0)
     (shown,) = source.seen(_view(offset), sample, {"color"})["color"]
     angle = np.linalg.norm(offset)
     kx, ky, kz = offset / angle
@@ -149,6 +151,7 @@ def test_two_colours_are_those_of_the_exact_pattern_at_any_pose():
         y = CAMERA.height_px / 2 - (2 + row + 0.5 - 0.25)
         focal = CAMERA.focal_px
         a, b, c = turn @ np.array([x / focal, y / focal, -1.0])
+        a, b = np.cos(tilt) * a - np.sin(tilt) * b, np.sin(tilt) * a + np.cos(tilt) * b
         cells = np.floor(180 / np.pi * np.array([a, b]) / -c)
         expected = second if cells.sum() % 2 else first
         np.testing.assert_allclose(shown[:, row, column], expected, atol=1e-12)
@@ -160,7 +163,7 @@ def test_the_reference_of_two_colours_is_their_mean_in_linear_light(blur_px):
     offset = np.array([0.004, -0.002, 0.0])
     # An upright edge alone: its place in a pixel says all.
     edge = hj.scenes.checkerboard(100.0)
-    source = TwoColored(edge, first, second, blur_px)
+    source = TwoColored(edge, first, second, blur_px=blur_px)
     reference = np.asarray(source.reference(_view(offset)))
     focal, (up, right) = CAMERA.focal_px, np.tan(np.abs(offset[:2]))
     beyond_x = np.arange(3, 19) + 0.5 - CAMERA.width_px / 2 + focal * right
@@ -247,16 +250,16 @@ def _values(means, spread=0.01, extra=0.0):
     ],
 )
 def test_the_paper_s_claims_are_judged(means, extra, spread, expected, order):
-    measure = color_space.Measure(DetailLoss(), "squared error")
+    measure = judged.Measure(DetailLoss(), "squared error")
     values = _values(means, spread, extra)
-    found = color_space.claims_by(measure, values)
+    found = judged.claims_by(measure, values)
     assert tuple(claim.verdict for claim in found) == expected
     for claim in found:
         assert claim.low <= claim.value <= claim.high
         assert claim.unit == "code values^2"
     if order:
-        assert color_space.order(measure, values) == order
-    rows = color_space.measured(measure, values)
+        assert judged.order(measure, values) == order
+    rows = judged.measured(measure, values)
     assert len(rows) == 4 * 2 * 5
     pooled = {(r.condition, r.case): r.value for r in rows}
     assert pooled["LL", "honeycomb"] == pytest.approx(values[0, 1].mean())
@@ -266,8 +269,8 @@ def test_more_of_what_is_good_is_judged_the_other_way_round():
     class Likeness(DetailLoss):
         less_is_better = False
 
-    more = color_space.Measure(Likeness(), "likeness")
-    found = color_space.claims_by(more, -_values((1, 2.01, 2, 3), extra=1.0))
+    more = judged.Measure(Likeness(), "likeness")
+    found = judged.claims_by(more, -_values((1, 2.01, 2, 3), extra=1.0))
     assert {claim.verdict for claim in found} == {HOLDS}
 
 

@@ -75,6 +75,7 @@ class SeenColorError(PixelMean):
     is_to_scene: bool = eqx.field(static=True, default=False)
     unit: ClassVar[str] = "CIEDE2000"
     needs_reference: ClassVar[bool] = True
+    is_local: ClassVar[bool] = False
 
     def __check_init__(self):
         _checks.in_range("sigma_px", self.sigma_px, 0)

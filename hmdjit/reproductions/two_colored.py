@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 from scipy import stats
 
 from .. import color, quaternion, sample_patterns
-from .._types import Numbers, Plane, Rgb
+from .._types import Numbers, Plane, Rgb, Scalar
 from ..camera import Camera, Region
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, Places, View
@@ -25,6 +25,7 @@ class TwoColored(AbstractSource):
 
     - `pattern`: from 0 (`first`) to 1 (`second`).
     - `first`, `second`: gamma colours, `(3,)`, in `[0, 1]`.
+    - `tilt_deg`: by which the pattern is turned clockwise about the view's centre.
     - `blur_px`: of the reference, standard deviation of a Gaussian; 0 is the mean over
       a pixel's square.
     """
@@ -32,6 +33,7 @@ class TwoColored(AbstractSource):
     pattern: AbstractScene
     first: Float[Array | np.ndarray, "3"]
     second: Float[Array | np.ndarray, "3"]
+    tilt_deg: Scalar = 0.0
     blur_px: float = eqx.field(static=True, default=0.0)
 
     @property
@@ -87,7 +89,11 @@ class TwoColored(AbstractSource):
         turn = quaternion.matrix_minus_identity(view.motion.offset)
         # In full precision: some devices shorten the numbers of products.
         moved = jnp.tensordot(turn, ray, 1, precision="highest")
-        return self.pattern.color(camera, ray + moved)[0]
+        x, y, z = ray + moved
+        tilt = jnp.deg2rad(jnp.asarray(self.tilt_deg, dtype))
+        cos, sin = jnp.cos(tilt), jnp.sin(tilt)
+        tilted = jnp.stack([cos * x - sin * y, sin * x + cos * y, z])
+        return self.pattern.color(camera, tilted)[0]
 
 
 def _mixed(
