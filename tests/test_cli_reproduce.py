@@ -5,7 +5,6 @@ import functools
 
 import pytest
 
-import hmdjit as hj
 from hmdjit.cli import main
 from hmdjit.reproductions import color_space
 from hmdjit.studies import runner
@@ -22,9 +21,6 @@ def tiny(monkeypatch):
     every = color_space.measures
     few = lambda camera: [every(camera)[i] for i in (0, 1, -1)]
     monkeypatch.setattr(color_space, "measures", few)
-    # All patterns of one kind: one program.
-    alike = lambda cell_deg, wall_deg: hj.scenes.checkerboard(cell_deg + wall_deg)
-    monkeypatch.setattr(color_space, "honeycomb", alike)
     for name, number in {"_RAYS": 8, "_FRAMES": 2, "_EVERY": 1, "_BATCH": 2}.items():
         monkeypatch.setattr(color_space, name, number)
 

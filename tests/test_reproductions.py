@@ -136,11 +136,11 @@ def _view(offset=(0.0, 0.0, 0.0), samples=128):
 
 def test_two_colours_are_those_of_the_exact_pattern_at_any_pose():
     first, second = np.array([0.1, 0.9, 0.3]), np.array([0.8, 0.2, 0.6])
-    pattern = hj.scenes.checkerboard(1.0)
+    patterns = hj.scenes.honeycomb(), hj.scenes.checkerboard(1.0)
     offset = np.array([0.003, -0.007, 0.02])
     sample = np.array([[0.25, -0.25]])
     tilt = np.radians(7.0)
-    source = TwoColored(pattern, first, second, tilt_deg=7.0)
+    source = TwoColored(patterns, 1, first, second, tilt_deg=7.0)
     (shown,) = source.seen(_view(offset), sample, {"color"})["color"]
     angle = np.linalg.norm(offset)
     kx, ky, kz = offset / angle
@@ -163,7 +163,7 @@ def test_the_reference_of_two_colours_is_their_mean_in_linear_light(blur_px):
     offset = np.array([0.004, -0.002, 0.0])
     # An upright edge alone: its place in a pixel says all.
     edge = hj.scenes.checkerboard(100.0)
-    source = TwoColored(edge, first, second, blur_px=blur_px)
+    source = TwoColored((edge,), 0, first, second, blur_px=blur_px)
     reference = np.asarray(source.reference(_view(offset)))
     focal, (up, right) = CAMERA.focal_px, np.tan(np.abs(offset[:2]))
     beyond_x = np.arange(3, 19) + 0.5 - CAMERA.width_px / 2 + focal * right

@@ -86,10 +86,7 @@ def studies(
     Three studies: with patterns that are `upright` and `tilted`, held against means
     over a pixel's square; and upright, against the `scene` behind a blur.
     """
-    patterns = {
-        "checkerboard": checkerboard(SQUARE_DEG),
-        "honeycomb": honeycomb(CELL_DEG, wall_deg=WALL_DEG),
-    }
+    patterns = checkerboard(SQUARE_DEG), honeycomb(CELL_DEG, wall_deg=WALL_DEG)
     rgb = lambda code: np.asarray(code, np.float32) / 255
     known = measures(camera)
     found = {}
@@ -101,9 +98,9 @@ def studies(
         found[name] = Study(
             scenes={
                 f"{pattern}_{k + 1}": TwoColored(
-                    scene, rgb(pair.first), rgb(pair.second), tilt_deg, blur_px
+                    patterns, n, rgb(pair.first), rgb(pair.second), tilt_deg, blur_px
                 )
-                for pattern, scene in patterns.items()
+                for n, pattern in enumerate(PATTERNS)
                 for k, pair in enumerate(pairs)
             },
             techniques=list(conditions().values()),

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 from scipy import stats
 
 from .. import color, quaternion, sample_patterns
-from .._types import Numbers, Plane, Rgb, Scalar
+from .._types import Numbers, Plane, Rgb, Scalar, WholeNumber
 from ..camera import Camera, Region
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, Places, View
@@ -23,14 +23,16 @@ from ..scenes.base import AbstractScene
 class TwoColored(AbstractSource):
     """A black and white pattern, infinitely far away, in two colours instead.
 
-    - `pattern`: from 0 (`first`) to 1 (`second`).
+    - `patterns`, `chosen`: the pattern is one of these, from 0 (`first`) to 1
+      (`second`); those that share a list share a program.
     - `first`, `second`: gamma colours, `(3,)`, in `[0, 1]`.
     - `tilt_deg`: by which the pattern is turned clockwise about the view's centre.
     - `blur_px`: of the reference, standard deviation of a Gaussian; 0 is the mean over
       a pixel's square.
     """
 
-    pattern: AbstractScene
+    patterns: tuple[AbstractScene, ...]
+    chosen: WholeNumber
     first: Float[Array | np.ndarray, "3"]
     second: Float[Array | np.ndarray, "3"]
     tilt_deg: Scalar = 0.0
@@ -93,7 +95,8 @@ class TwoColored(AbstractSource):
         tilt = jnp.deg2rad(jnp.asarray(self.tilt_deg, dtype))
         cos, sin = jnp.cos(tilt), jnp.sin(tilt)
         tilted = jnp.stack([cos * x - sin * y, sin * x + cos * y, z])
-        return self.pattern.color(camera, tilted)[0]
+        each = [lambda ray, p=p: p.color(camera, ray)[0] for p in self.patterns]
+        return jax.lax.switch(jnp.asarray(self.chosen, jnp.int32), each, tilted)
 
 
 def _mixed(
