@@ -35,7 +35,6 @@ from .color_space_claims import (
     SQUARE_DEG,
     WALL_DEG,
     Measure,
-    Values,
     claims_by,
     measured,
     order,
@@ -150,29 +149,32 @@ def run(
         for measure in measures(camera)
     }
     values = {measure: found.reshape(shape) for measure, found in values.items()}
+    orders = [{"measure": m.words, "order": order(m, v)} for m, v in values.items()]
     return Found(
         title=TITLE,
         about=_about(made["upright"], camera),
         claims=[claim for item in values.items() for claim in claims_by(*item)],
         measured=[row for item in values.items() for row in measured(*item)],
         cases=PATTERNS,
-        lines=_lines(values, pairs),
-        tables={"color_pairs": [_hexes(pair) for pair in pairs]},
+        lines=_lines(orders, pairs),
+        tables={"orders": orders, "color_pairs": [_hexes(pair) for pair in pairs]},
     )
 
 
-def _lines(values: Mapping[Measure, Values], pairs: Sequence[ColorPair]) -> list[str]:
+def _lines(
+    orders: Sequence[Mapping[str, str]], pairs: Sequence[ColorPair]
+) -> list[str]:
     said = [
         f"Colours {k + 1}: {_hex(pair.first)} and {_hex(pair.second)}, half of each is "
         f"{_hex(pair.linear_mix)} in linear light, {_hex(pair.gamma_mix)} in gamma: "
         f"CIEDE2000 {pair.difference:.1f}."
         for k, pair in enumerate(pairs)
     ]
-    orders = [f"{order(*item)} ({item[0].words})" for item in values.items()]
     return [
         *said,
-        "The paper's order is LL > BL ~ LG > BG. Predicted orders of JOD (how much one "
-        f"is worth is not known, so there are no numbers): {'; '.join(orders)}.",
+        "Predicted order of JOD, the paper's being LL > BL ~ LG > BG (no numbers: how "
+        "much error is worth one is not known):",
+        *(f"  {row['order']}  by {row['measure']}" for row in orders),
     ]
 
 
