@@ -136,6 +136,11 @@ FOLDERS = {
         ("pictures",),
         ("table",),
     ],
+    "reproductions": [
+        ("claims", "color_pairs", "eye", "two_colored"),
+        ("color_space_claims",),
+        ("*",),
+    ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
     "cli": [

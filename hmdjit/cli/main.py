@@ -19,8 +19,8 @@ from .fit import FitCommand
 from .head import HeadCommand
 from .options import FAILED, OK, WRONG_INPUT, as_option
 from .options import INTERRUPTED as INTERRUPTED
-from .render import RenderCommand
-from .scenes import ScenesCommand
+from .render import RenderCommand, ScenesCommand
+from .reproduce import ReproduceCommand
 from .study import StudyCommand
 from .trade_off import PickCommand, TradeOffCommand
 
@@ -32,6 +32,7 @@ COMMANDS: dict[str, Any] = {
     "trade-off": TradeOffCommand,
     "pick": PickCommand,
     "envelope": EnvelopeCommand,
+    "reproduce": ReproduceCommand,
     "scenes": ScenesCommand,
     "render": RenderCommand,
 }

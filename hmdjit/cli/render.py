@@ -1,4 +1,4 @@
-"""The command line's `hmdjit render`: one picture of a scene."""
+"""The command line's `hmdjit scenes` and `hmdjit render`: what there is to be seen."""
 
 import dataclasses
 from functools import partial
@@ -22,13 +22,42 @@ from ..frames.sources import AbstractSource
 from ..frames.texture import Texture
 from ..rendering import render
 from ..scenes.baking import bake
+from ..scenes.solids import Solids
 from ..simulation.session import fastest_reading
 from ..simulation.simulate import check_gives
 from ..simulation.views import Pattern, Renderer
+from ..studies.definition import StudyScene
+from ..studies.identity import counted
 from ..techniques.base import AbstractTechnique
 from . import definition
 from .frame_files import Codes, codes
 from .options import OK, Fov, Height, Width, check_can_write, shown
+
+
+@dataclasses.dataclass(frozen=True)
+class ScenesCommand:
+    """List the scenes that have a name: what each is, and what it gives techniques.
+
+    The first eleven are the default study's. A study takes any of them by `--scenes`.
+    """
+
+    def run(self, console: rich.console.Console) -> int:
+        """Print a line for each scene."""
+        known = definition.every_scene()
+        for name, scene in known.items():
+            kind, size, moves = _about(scene)
+            gives = " ".join(sorted(scene.gives))
+            console.out(f"{name:16} {kind:8} {size:26} {moves:6} gives {gives}")
+        return OK
+
+
+def _about(scene: StudyScene) -> tuple[str, str, str]:
+    """Kind of a scene, how much is in it, and whether anything moves."""
+    if not isinstance(scene, Solids):
+        return "picture", "flat, infinitely far", "still"
+    objects = counted(len(scene.classes) - 1, "object")
+    primitives = counted(sum(len(table.object) for table in scene.tables), "primitive")
+    return "solids", f"{objects}, {primitives}", "moves" if scene.moves else "still"
 
 
 @dataclasses.dataclass(frozen=True)
