@@ -68,6 +68,18 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def filled(page: str, blocks: Mapping[str, str]) -> str:
+    """Replace the blocks of a page.
+
+    **Errors:** `ValueError` unless the blocks are those that the page has.
+    """
+    names = [found[1] for found in _BLOCK.finditer(page)]
+    if sorted(names) != sorted(blocks):
+        raise ValueError(f"blocks must be {names}, got {list(blocks)}.")
+    fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
+    return _BLOCK.sub(fill, page)
+
+
 def write(
     script: str, blocks: Mapping[str, str], out: Path, *, is_measured: bool = True
 ) -> None:
@@ -78,11 +90,7 @@ def write(
     **Errors:** `ValueError` unless the blocks are those that the page has.
     """
     page = Path(script).with_suffix(".md").read_text(encoding="utf-8")
-    names = [found[1] for found in _BLOCK.finditer(page)]
-    if sorted(names) != sorted(blocks):
-        raise ValueError(f"blocks must be {names}, got {list(blocks)}.")
-    fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
-    text = _BLOCK.sub(fill, page)
+    text = filled(page, blocks)
     # Where a folder lies on this machine tells nobody anything.
     words = [Path(w).name if os.path.isabs(w) else w for w in sys.argv[1:]]
     command = shlex.join(["python", f"examples/{Path(script).name}", *words])

@@ -83,7 +83,7 @@ FOLDERS = {
     "techniques": [
         ("small_motion",),
         ("base",),
-        ("contract",),
+        ("contract", "stencil"),
         ("check",),
         ("*",),
         ("curve_file",),

@@ -1,7 +1,6 @@
-"""What lies around each pixel: shifted planes, means, sharpening.
+"""What lies around each pixel: neighbours, means, sharpening.
 
-Beyond the planes' edge lies what is at the edge. *Plus* is a pixel with its four
-neighbours, *box* the 3 x 3 block.
+Beyond the planes' edge lies what is at the edge.
 """
 
 from collections.abc import Callable
@@ -17,40 +16,8 @@ Reader = Callable[[int, int], AnyPlanes]
 """Planes read `dx` px to the right and `dy` px down of each pixel."""
 
 
-def shifted(
-    planes: AnyPlanes, dx: int, dy: int, outside: float | bool | None = None
-) -> AnyPlanes:
-    """Planes read `dx` px to the right and `dy` px down of each pixel.
-
-    For one or two reads; `around` is for many.
-
-    **Arguments:**
-
-    - `planes`: `(height, width)` or `(channels, height, width)`, of any dtype.
-    - `dx`, `dy`: whole numbers that are known while compiling.
-    - `outside`: what lies beyond the edge; None is what is at the edge.
-    """
-    return _shifted(_shifted(planes, dx, -1, outside), dy, -2, outside)
-
-
-def _shifted(
-    planes: AnyPlanes, by: int, axis: int, outside: float | bool | None
-) -> AnyPlanes:
-    size = planes.shape[axis]
-    by = max(-size, min(by, size))
-    if by == 0:
-        return planes
-    kept = lax.slice_in_dim(planes, max(by, 0), size + min(by, 0), axis=axis)
-    at = size - 1 if by > 0 else 0
-    edge = lax.slice_in_dim(planes, at, at + 1, axis=axis)
-    if outside is not None:
-        edge = jnp.full_like(edge, outside)
-    beyond = jnp.repeat(edge, abs(by), axis=axis)
-    return jnp.concatenate([kept, beyond] if by > 0 else [beyond, kept], axis=axis)
-
-
 def around(planes: AnyPlanes, radius_px: int) -> Reader:
-    """Return `shifted(planes, dx, dy)` as a function of `dx` and `dy`.
+    """Return what reads planes some pixels away, clamped to their edge.
 
     **Arguments:** `radius_px`: the farthest that is asked for, in each direction.
     """
@@ -86,12 +53,6 @@ def neighbors(planes: AnyPlanes) -> tuple[AnyPlanes, AnyPlanes, AnyPlanes, AnyPl
     """Return the pixels above, below, to the left and to the right of each."""
     at = around(planes, 1)
     return at(0, -1), at(0, 1), at(-1, 0), at(1, 0)
-
-
-def plus_mean(planes: FloatPlanes) -> FloatPlanes:
-    """Mean of each pixel and its four neighbours."""
-    above, below, left, right = neighbors(planes)
-    return (planes + ((above + below) + (left + right))) / 5
 
 
 def box_mean(planes: FloatPlanes) -> FloatPlanes:

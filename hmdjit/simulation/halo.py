@@ -16,8 +16,8 @@ from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, View, recorded_reads
 from ..techniques.base import AbstractTechnique
-from ..techniques.check import stencil_radius_px
 from ..techniques.contract import blank_frame
+from ..techniques.stencil import stencil_radius_px
 from . import blocks
 
 HALO_TOLERANCE = 1e-5

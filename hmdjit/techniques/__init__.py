@@ -1,7 +1,8 @@
 """Anti-aliasing techniques: one file per technique or close family.
 
-`base` has the contract, `check` tries it on a technique, `registry` knows ids. The
-arithmetic of Kim et al. is in `reprojection` and `blending`, by equation number.
+`base` has the contract, `check` tries it on a technique, `stencil` sees how far that
+reads, `registry` knows ids. The arithmetic of Kim et al. is in `reprojection` and
+`blending`, by equation number; what reads neighbours is in `filters`.
 """
 
 from . import curve_file as curve_file
