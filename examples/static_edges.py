@@ -74,10 +74,9 @@ TURN_DEG = 3.0
 
 @jax.jit
 def shown(
-    source: AbstractSource, region: hj.Region, turn: Array
+    source: AbstractSource, region: hj.Region, motion: Motion
 ) -> tuple[list[Array], Array]:
     """Pictures of the techniques, and the reference, `(height, width, 3)`."""
-    motion = NeckModel().moved(Motion(turn, jnp.zeros(3)))
 
     def resolved(technique: hj.techniques.AbstractSpatial) -> Array:
         samples_px = technique.sample_offsets_px[0]
@@ -91,9 +90,12 @@ def measured(source: AbstractSource, side: int, poses: int) -> dict[str, np.ndar
     """MSE and SSIM of each technique at each pose, `(poses, techniques)`."""
     region = hj.Region((1280 - side) // 2, (700 - side) // 2, side, side)
     turns = np.random.default_rng(0).normal(0, np.radians(TURN_DEG), (poses, 3))
+    turns = jnp.asarray(turns, jnp.float32)
+    motions = NeckModel().moved(Motion(turns, jnp.zeros_like(turns)))
     found: dict[str, list] = {"MSE": [], "SSIM": []}
-    for turn in turns:
-        pictures, reference = shown(source, region, jnp.asarray(turn, jnp.float32))
+    for k in range(poses):
+        motion = jax.tree.map(lambda leaf, k=k: leaf[k], motions)
+        pictures, reference = shown(source, region, motion)
         codes = [np.floor(255 * np.clip(p, 0, 1) + 0.5) for p in (*pictures, reference)]
         for name, measure in (("MSE", mse), ("SSIM", ssim_volume)):
             row = [float(measure(test, codes[-1])) for test in codes[:-1]]
