@@ -160,6 +160,10 @@ def test_on_solids_it_is_their_reference():
     np.testing.assert_allclose(shown, reference, rtol=1e-12)
 
 
+def test_laws_and_hints_hold():
+    techniques.check(AccumulationBuffer(20))
+
+
 def test_it_flickers_less_than_one_sample(rng):
     chosen = [NoAntialiasing(), AccumulationBuffer(32)]
     texture, poses = small.texture(rng), jnp.asarray(small.path(rng))
