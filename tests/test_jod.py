@@ -127,6 +127,7 @@ def test_scores_are_where_scipy_finds_the_least(counts, prior, rng):
     np.testing.assert_allclose(ours, best.x, rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", [TWELVES, 200 * TWELVES], ids=["few", "many"])
 def test_single_precision_agrees(counts):
     double = hj.metrics.jod(counts)
@@ -226,6 +227,7 @@ def test_observers_who_differ_draw_votes_together(key):
     assert apart.var() > 2 * binomial
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_scores_and_narrow_with_observers(key):
     widths = []
     for number in (10, 40):
@@ -240,6 +242,7 @@ def test_intervals_hold_the_scores_and_narrow_with_observers(key):
     assert 1.4 < widths[0] / widths[1] < 3.2  # sqrt(4), and its spread
 
 
+@pytest.mark.slow
 def test_a_plan_finds_how_many_observers_a_study_needs(key):
     one, same = (jax.random.fold_in(key, 0) for _ in range(2))
     found = observers.plan(one, TRUE, 0.4, observers=(40, 10, 20), studies=100)
