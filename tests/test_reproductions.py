@@ -272,6 +272,8 @@ def test_more_of_what_is_good_is_judged_the_other_way_round():
     more = judged.Measure(Likeness(), "likeness")
     found = judged.claims_by(more, -_values((1, 2.01, 2, 3), extra=1.0))
     assert {claim.verdict for claim in found} == {HOLDS}
+    assert {claim.unit for claim in found} == {"less likeness"}
+    assert "LL -1" in found[0].reason  # what was measured, as it is
 
 
 def test_conditions_are_named_by_filter_and_space():

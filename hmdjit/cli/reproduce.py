@@ -14,7 +14,7 @@ from ..reports import reproduce as report
 from ..reproductions import color_space
 from ..studies.identity import counted
 from ..studies.study import check_seed
-from .options import OK, Fov, Height, Seed, Width, check_can_write, shown
+from .options import OK, Seed, check_can_write, shown
 from .progress import Display
 
 PAPERS: dict[str, Any] = {"colour-space": color_space}
@@ -41,11 +41,22 @@ class ReproduceCommand:
         bool, shown("", "Fewer sessions: less than two minutes on two cores.")
     ] = False
     sessions: Annotated[
-        int | None, shown("N", "Viewing sessions (default: the paper's).")
+        int | None,
+        shown(
+            "N",
+            f"Viewing sessions (default: {color_space.SESSIONS}, of --quick "
+            f"{color_space.QUICK_SESSIONS}).",
+        ),
     ] = None
-    width: Width = None
-    height: Height = None
-    fov: Fov = None
+    width: Annotated[
+        int | None, shown("PX", "Width of the frame (default: the paper's).")
+    ] = None
+    height: Annotated[
+        int | None, shown("PX", "Height of the frame (default: the paper's).")
+    ] = None
+    fov: Annotated[
+        float | None, shown("DEG", "Horizontal field of view (default: the paper's).")
+    ] = None
     seed: Seed = 0
     out: Annotated[
         Path | None,

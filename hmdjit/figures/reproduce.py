@@ -73,7 +73,13 @@ def _matrix(axes: Axes, found: Found) -> None:
         )
         numbers = f"{claim.value:.3g} [{claim.low:.3g}, {claim.high:.3g}]"
         axes.text(x, y + 0.2, numbers, fontsize=drawing.NUMBER, **middle)
-    heads = [textwrap.fill(f"{k}. {claim}", 24) for k, claim in enumerate(claims, 1)]
+    asked = {claim.claim: claim.quantity for claim in found.claims}
+    heads = [
+        textwrap.fill(f"{k}. {claim}", 30)
+        + "\n"
+        + textwrap.fill(f"({asked[claim]})", 32)
+        for k, claim in enumerate(claims, 1)
+    ]
     axes.xaxis.tick_top()
     axes.set_xticks(range(len(claims)), heads, fontsize=drawing.LABEL)
     units = {claim.measure: claim.unit for claim in found.claims}

@@ -44,19 +44,24 @@ class Measure(NamedTuple):
         """Of how bad it is to have more of it."""
         return 1 if self.metric.less_is_better else -1
 
+    @property
+    def unit(self) -> str:
+        """Of differences in how bad it is."""
+        return self.metric.unit if self.sign == 1 else f"less {self.words}"
+
 
 def claims_by(measure: Measure, values: Values) -> list[Claim]:
     """Judge the paper's claims by one measure.
 
     Patterns and pairs of colours are averaged over.
     """
-    names, unit = NAMES, measure.metric.unit
+    names, unit = NAMES, measure.unit
     worse = measure.sign * values
     of_session = dict(zip(names, worse.mean(axis=(1, 2)), strict=True))
     by_scene = dict(zip(names, worse.mean(axis=-1), strict=True))
     means = {name: float(each.mean()) for name, each in of_session.items()}
     said = ", ".join(f"{name} {measure.sign * means[name]:.3g}" for name in names)
-    said += f" ({unit})"
+    said += f" ({measure.metric.unit})"
 
     def gap(one: str, other: str) -> Interval:
         return mean_interval(of_session[one] - of_session[other])
@@ -101,8 +106,8 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
             "BG minus LL, of checkerboard minus honeycomb",
             more,
             above(more),
-            f"BG minus LL: {sizes} ({unit}); per degree of edge in a square degree "
-            f"{lengths}, and how much edge there is was our choice",
+            f"BG minus LL: {sizes} ({unit}); per length of edge {lengths} (how "
+            "much edge a pattern has is our choice)",
         ),
     ]
 
@@ -117,7 +122,7 @@ def _claim(
 ) -> Claim:
     numbers = (found.value, found.low, found.high)
     return Claim(
-        claim, measure.words, quantity, *numbers, measure.metric.unit, verdict, reason
+        claim, measure.words, quantity, *numbers, measure.unit, verdict, reason
     )
 
 
