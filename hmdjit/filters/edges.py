@@ -20,6 +20,9 @@ from .._types import Mask, Plane, Rgb
 TIE = 1e-5
 """Decisions that are nearer than this count as equal, in single precision too."""
 
+Reader = Callable[[int, int], Array]
+"""Planes read `dx` px to the right and `dy` px down of each pixel."""
+
 Steps = Int[Array, "height width"]
 """Whole numbers of 16 bits."""
 
@@ -70,13 +73,13 @@ def flags(
     return kept(from_left), kept(from_top)
 
 
-def reading(
-    padded: Array, margin_px: int, more_px: int = 0
-) -> Callable[[int, int], Array]:
-    """Return what reads planes with a margin `dx` px to the right, `dy` px down.
+def reading(padded: Array, margin_px: int, more_px: int = 0) -> Reader:
+    """Return what reads planes that have a margin.
 
     **Arguments:** `more_px`: columns and rows that are read beyond the planes' end.
     """
+    # Kept as they are, so that reads are plain slices of them.
+    padded = lax.optimization_barrier(padded)
     height, width = (size - 2 * margin_px + more_px for size in padded.shape[-2:])
 
     def at(dx: int, dy: int) -> Array:
