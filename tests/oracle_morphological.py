@@ -28,24 +28,21 @@ def edge_flags(gamma, threshold, by, farther, tie):
         seen = np.array([0.2126 * gamma[0] + 0.7152 * gamma[1] + 0.0722 * gamma[2]])
     height, width = seen.shape[1:]
 
-    def delta(one, other):
-        (y0, x0), (y1, x1) = one, other
+    def delta(y0, x0, y1, x1):
         clamp = lambda v, size: min(max(v, 0), size - 1)
         a = seen[:, clamp(y0, height), clamp(x0, width)]
         b = seen[:, clamp(y1, height), clamp(x1, width)]
         return np.abs(a - b).max()
 
+    to_left = functools.cache(lambda y, x: delta(y, x, y, x - 1))
+    to_top = functools.cache(lambda y, x: delta(y, x, y - 1, x))
     left, top = set(), set()
     for y in range(height):
         for x in range(width):
-            to_left = delta((y, x), (y, x - 1))
-            to_top = delta((y, x), (y - 1, x))
-            around = [to_left, to_top, delta((y, x), (y, x + 1))]
-            around.append(delta((y, x), (y + 1, x)))
+            around = [to_left(y, x), to_top(y, x), to_left(y, x + 1), to_top(y + 1, x)]
             if farther:
-                around.append(delta((y, x - 1), (y, x - 2)))
-                around.append(delta((y - 1, x), (y - 2, x)))
-            for found, here in ((left, to_left), (top, to_top)):
+                around += [to_left(y, x - 1), to_top(y - 1, x)]
+            for found, here in ((left, to_left(y, x)), (top, to_top(y, x))):
                 if here >= threshold - tie and 2 * here >= max(around) - tie:
                     found.add((y, x))
     return left, top
@@ -240,8 +237,14 @@ def diagonal_shares(left, top, y, x, most):
     return down, up
 
 
-def shares(gamma, threshold, longest, diagonal, rounding, softens, by, tie):
+def shares(gamma, *options):
     """What is taken from above, below, the left and the right, `(4, height, width)`."""
+    return _shares(gamma.tobytes(), gamma.shape, *options)
+
+
+@functools.cache  # spaces share them
+def _shares(data, shape, threshold, longest, diagonal, rounding, softens, by, tie):
+    gamma = np.frombuffer(data).reshape(shape)
     left, top = edge_flags(gamma, threshold, by, softens, tie)
     found = np.zeros((4, *gamma.shape[1:]))
     flipped = lambda flags: {(x, y) for y, x in flags}

@@ -12,11 +12,12 @@ import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, DTypeLike
 
 from .._types import Mask, Plane
 from .edges import Ends, Steps, walk
-from .neighborhood import reader
+from .neighborhood import Reader, reader
 
 MARGIN_PX = 4
 Padded = Bool[Array, "rows columns"]
@@ -57,24 +58,25 @@ def of_lines(
 
     **Returns:** shares, with one row and column more than the picture.
     """
+    edge_at, across_at = (reader(p, MARGIN_PX, 1) for p in (edge, across))
 
-    def along(padded: Padded, dx: int, dy: int) -> Mask:
-        at = reader(padded, MARGIN_PX, 1)
+    def along(at: Reader, dx: int, dy: int) -> Mask:
         return at(dy, dx) if upright else at(dx, dy)
 
     def is_joined(x: int) -> Mask:
         """Whether a line goes on from the pixel before."""
-        is_crossed = along(across, x, 0) | along(across, x, -1)
-        return along(edge, x - 1, 0) & along(edge, x, 0) & ~is_crossed
+        is_crossed = along(across_at, x, 0) | along(across_at, x, -1)
+        return along(edge_at, x - 1, 0) & along(edge_at, x, 0) & ~is_crossed
 
     def noted(x: int) -> Steps:
         rows = {_UP: -1, _DOWN: 0, _FAR_UP: -2, _FAR_DOWN: 1}
-        return _noted(*((mark, along(across, x, dy)) for mark, dy in rows.items()))
+        return _noted(*((mark, along(across_at, x, dy)) for mark, dy in rows.items()))
 
     dx, dy = (0, 1) if upright else (1, 0)
     left = walk(is_joined(0), noted(0), noted(-1), -dx, -dy, longest)
     # The right end of a line is the left edge of the pixel after it.
     right = walk(is_joined(1), noted(1), noted(2), dx, dy, longest)
+    left, right = lax.optimization_barrier((left, right))
     down, up = line_areas(left, right, dtype, softens=softens)
     if rounding:
         is_near = left.steps <= right.steps, right.steps <= left.steps
@@ -87,7 +89,7 @@ def of_lines(
             return jnp.clip(1 - lost, 0, 1)
 
         down, up = down * kept(_FAR_DOWN), up * kept(_FAR_UP)
-    is_edge = along(edge, 0, 0)
+    is_edge = along(edge_at, 0, 0)
     return Shares(jnp.where(is_edge, down, 0), jnp.where(is_edge, up, 0))
 
 
@@ -174,34 +176,32 @@ def of_diagonals(left: Padded, top: Padded, longest: int, dtype: DTypeLike) -> S
 
     **Arguments:** `longest`: pixels that are visited to each side; a power of two.
     """
-
-    def at(padded: Padded, dx: int, dy: int) -> Mask:
-        return reader(padded, MARGIN_PX, 1)(dx, dy)
+    left_at, top_at = (reader(p, MARGIN_PX, 1) for p in (left, top))
 
     def side(dx: int, x: int, y: int) -> Mask:
         """Whether a pixel has an edge at its left or right side."""
-        return at(left, x + (dx > 0), y)
+        return left_at(x + (dx > 0), y)
 
     def upwards(dx: int, full: int, marks: tuple[int, int, int]) -> Ends:
         """Walk up over pixels with edges at their top and their full side."""
 
         def noted(x: int, y: int) -> Steps:
-            level, upright = at(top, x + dx, y), side(dx, x, y - 1)
+            level, upright = top_at(x + dx, y), side(dx, x, y - 1)
             return _noted((marks[0], level), (marks[1], upright))
 
-        goes_on = at(top, dx, -1) & side(full, dx, -1)
+        goes_on = top_at(dx, -1) & side(full, dx, -1)
         return walk(goes_on, noted(0, 0), noted(dx, -1), dx, -1, longest)
 
     def downwards(dx: int, marks: tuple[int, int, int]) -> Ends:
         """Walk down, from pixels with an edge at the side that one walks to."""
 
         def noted(x: int, y: int) -> Steps:
-            takes_in = at(top, x + dx, y + 1) & side(dx, x, y)
-            level = jnp.where(takes_in, at(top, x + 2 * dx, y + 1), at(top, x + dx, y))
+            takes_in = top_at(x + dx, y + 1) & side(dx, x, y)
+            level = jnp.where(takes_in, top_at(x + 2 * dx, y + 1), top_at(x + dx, y))
             upright = side(dx, x, y) & ~takes_in
             return _noted(*zip(marks, (level, upright, takes_in), strict=True))
 
-        goes_on = at(top, dx, 1) & side(dx, dx, 1) & side(dx, 0, 0)
+        goes_on = top_at(dx, 1) & side(dx, dx, 1) & side(dx, 0, 0)
         return walk(goes_on, noted(0, 0), noted(dx, 1), dx, 1, longest)
 
     def reached(end: Ends, marks: tuple) -> tuple[Steps, Steps]:
@@ -215,7 +215,7 @@ def of_diagonals(left: Padded, top: Padded, longest: int, dtype: DTypeLike) -> S
         before, start_marks = reached(start, _START)
         after, end_marks = reached(end, _END)
         down, up = diagonal_areas(before, after, start_marks | end_marks, dtype)
-        is_diagonal = at(top, 0, 0) & (before + after > 2)
+        is_diagonal = top_at(0, 0) & (before + after > 2)
         return Shares(jnp.where(is_diagonal, down, 0), jnp.where(is_diagonal, up, 0))
 
     rising = cut(downwards(-1, _START), upwards(1, -1, _END))

@@ -21,10 +21,7 @@ def around(planes: AnyPlanes, radius_px: int) -> Reader:
 
     **Arguments:** `radius_px`: the farthest that is asked for, in each direction.
     """
-    # Kept whole, so that reads are plain slices of it: twice as fast on a CPU.
-    return reader(
-        lax.optimization_barrier(padded(planes, radius_px, radius_px)), radius_px
-    )
+    return reader(padded(planes, radius_px, radius_px), radius_px)
 
 
 def reader(planes: AnyPlanes, margin_px: int, more_px: int = 0) -> Reader:
@@ -32,6 +29,8 @@ def reader(planes: AnyPlanes, margin_px: int, more_px: int = 0) -> Reader:
 
     **Arguments:** `more_px`: columns and rows that are read beyond the planes' end.
     """
+    # Kept whole, so that reads are plain slices of it: twice as fast on a CPU.
+    planes = lax.optimization_barrier(planes)
     height, width = (size - 2 * margin_px + more_px for size in planes.shape[-2:])
 
     def at(dx: int, dy: int) -> AnyPlanes:

@@ -175,6 +175,7 @@ def _taken(
         columns = line_coverage.of_lines(left, top, upright=True, **options)
         if preset.diagonal_px:
             cut = line_coverage.of_diagonals(left, top, preset.diagonal_px, dtype)
+            cut, rows, columns = lax.optimization_barrier((cut, rows, columns))
             is_diagonal = cut.down + cut.up >= edges.TIE
             rows = Shares(
                 *(jnp.where(is_diagonal, *s) for s in zip(cut, rows, strict=True))
