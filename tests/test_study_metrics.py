@@ -5,7 +5,6 @@ import io
 import json
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -101,11 +100,16 @@ class Seen(metrics.PixelMean):
     """Counts the pixels that it is given at once."""
 
     id, unit = "seen", "px"
-    is_local: bool = eqx.field(static=True)
 
     def per_pixel(self, shown, previous, reference):
         SEEN.append(shown.shape)
         return shown[0]
+
+
+class SeenWhole(Seen):
+    """The same, not local."""
+
+    is_local = False
 
 
 SEEN = []
@@ -124,11 +128,13 @@ def simulated(rng, reading, *chosen):
     )
 
 
-@pytest.mark.parametrize("is_local", [True, False])
-def test_what_is_not_local_is_given_its_block_in_one_piece(rng, is_local):
+@pytest.mark.parametrize(
+    ("kind", "size"), [(Seen, (3, 64, 128)), (SeenWhole, (3, 128, 256))]
+)
+def test_what_is_not_local_is_given_its_block_in_one_piece(rng, kind, size):
     SEEN.clear()
-    jax.eval_shape(lambda: simulated(rng, SLICES, Seen(is_local)))
-    assert set(SEEN) == {(3, 64, 128) if is_local else (3, 128, 256)}
+    jax.eval_shape(lambda: simulated(rng, SLICES, kind()))
+    assert set(SEEN) == {size}
 
 
 @pytest.mark.slow
@@ -172,6 +178,12 @@ def test_a_study_has_all_metrics_and_decibels_of_mean_errors(data):
     assert (none["ssim"] < 1).all()
 
 
+def printed(dataset):
+    file = io.StringIO()
+    report.print_table(dataset, console=Console(file=file, width=200))
+    return file.getvalue()
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_report_tells_all_metrics_with_their_intervals(data, tmp_path):
     rows = {(row.technique, row.scene): row for row in summarize(data)}
@@ -184,9 +196,7 @@ def test_a_report_tells_all_metrics_with_their_intervals(data, tmp_path):
     assert mean == math.inf
     assert np.isnan(bounds).all()
     assert not reference.note
-    console = Console(file=io.StringIO(), width=200)
-    report.print_table(data, console=console)
-    text = " ".join(console.file.getvalue().split())
+    text = " ".join(printed(data).split())
     for words in ("PSNR", "SSIM", "inf", "more is better, and inf"):
         assert words in text
     header = write_csv([none], tmp_path / "summary.csv").read_text().splitlines()[0]
@@ -195,11 +205,8 @@ def test_a_report_tells_all_metrics_with_their_intervals(data, tmp_path):
 
 def test_another_headline_is_called_by_its_name(data):
     other = data.assign_attrs(metrics=["ssim", "psnr", "mtcd", "detail_loss"])
-    rows = summarize(other)
-    console = Console(file=io.StringIO(), width=200)
-    report.print_table(other, rows, console)
-    assert "SSIM and detail, mean over scenes" in console.file.getvalue()
-    drawn = figures.draw(other, rows)
+    assert "SSIM and detail, mean over scenes" in printed(other)
+    drawn = figures.draw(other, summarize(other))
     assert "flicker_detail" not in drawn
     (axes,) = drawn["distributions"].axes
     assert axes.get_xlabel() == "SSIM of a session, 1, more is better (logarithmic)"
