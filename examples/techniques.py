@@ -23,18 +23,18 @@ from hmdjit.metrics import MTCD
 README = Path(__file__).parents[1] / "README.md"
 METRICS = ("mtcd", "detail_loss", "ssim")
 PAPERS = {
-    "none": "",
+    "none": "-",
     "msaa4": "Direct3D's pattern",
     "fxaa": "Lottes 2009",
     "fxaa39": "Lottes 2011, 3.11",
     "mlaa": "Reshetov 2009, Jimenez et al. 2011",
     "smaa": "Jimenez et al. 2012",
-    "smaa_ultra": "the same",
+    "smaa_ultra": "Jimenez et al. 2012",
     "head_movement": "Kim et al.",
-    "head_movement+smaa": "the same, after SMAA",
+    "head_movement+smaa": "Kim et al., after SMAA",
     "ssaa2_gamma": "Maruszczuk et al., BG",
-    "ssaa2": "the same, BL",
-    "ssaa2_lanczos2": "the same, LL",
+    "ssaa2": "Maruszczuk et al., BL",
+    "ssaa2_lanczos2": "Maruszczuk et al., LL",
     "accumulation16": "Oliveros 2018",
     "ssaa4": "the reference",
     "freeze": "a control",
@@ -61,7 +61,7 @@ def cells(row: SummaryRow, ns: float) -> Iterator[str]:
     technique = hj.techniques.by_id(row.technique)
     _, samples, _ = technique.sample_offsets_px.shape
     yield f"`{row.technique}`"
-    yield PAPERS[row.technique]
+    yield PAPERS.get(row.technique, "-")
     yield ", ".join(sorted(technique.needs)) + f" x {samples}" * (samples > 1)
     yield f"{ns:.3g}"
     yield f"{row.mean:.2f} ± {(row.high - row.low) / 2:.2f}"

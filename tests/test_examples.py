@@ -2,6 +2,7 @@ import importlib
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +34,11 @@ PAGES = {
     ),
     "sensitivities": ("--scenes", "noise", "--sessions", "4"),
     "speed": ("--json", "{speed}", "--drawn", "2000"),
+    "static_edges": ("--scenes", "pipe", "--side", "32", "--poses", "2"),
+    "techniques": (
+        *("--sessions", "2", "--scenes", "noise", "--repeats", "1"),
+        *("--techniques", "none", "msaa4", "fxaa10", "--readme", "{readme}"),
+    ),
     "time_to_one_percent": ("--scenes", "noise", "--sessions", "4"),
     "trade_off": ("--quick", "--sessions", "4", "--width", "128", "--height", "128"),
 }
@@ -78,7 +84,9 @@ def inputs(tmp_path_factory):
     entries.append(entries[0] | {"name": "OpenCV + NumPy", "ns_per_pixel_frame": 36.4})
     speed = folder / "speed.json"
     speed.write_text(json.dumps({"rivals": entries}), encoding="utf-8")
-    return {"traces": traces, "speed": speed}
+    readme = folder / "README.md"
+    shutil.copy(EXAMPLES.parent / "README.md", readme)
+    return {"traces": traces, "speed": speed, "readme": readme}
 
 
 def test_every_example_is_run():
