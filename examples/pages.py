@@ -35,8 +35,8 @@ STUDY = "default_study_ratios.png"
 """Picture of `hmdjit study` as it is."""
 SCENES = "scenes.png"
 """Picture of `contact_sheet.py`."""
-OF_THE_MODEL = ("fitted_curves", "heads", "sensitivities", "time_to_one_percent")
-OF_THE_MODEL += ("trade_off",)
+OF_THE_MODEL = ("fitted_curves", "heads", "sensitivities", "static_edges")
+OF_THE_MODEL += ("techniques", "time_to_one_percent", "trade_off")
 """Pages whose numbers another model changes; others tell errors and speed."""
 
 _BLOCK = re.compile(r"<!-- (?!end )(\w+) -->\n.*?<!-- end -->", re.S)
