@@ -380,7 +380,9 @@ def test_decibels_are_averaged_as_the_powers_of_errors():
     how = {"units": "dB", "averaged_as": "error power"}
     with np.errstate(divide="ignore"):
         psnr = 10 * np.log10(255**2 / error.values)
-    data = data.assign(psnr=(error.dims, psnr, how)).assign_attrs(metrics=["mtcd", "detail_loss", "psnr"])
+    data = data.assign(psnr=(error.dims, psnr, how)).assign_attrs(
+        metrics=["mtcd", "detail_loss", "psnr"]
+    )
     rows = by_cell(summarize(data))
     for row in rows.values():
         if row.scene == "geometric mean":
