@@ -60,14 +60,17 @@ def conditions() -> dict[str, AbstractTechnique]:
 
 def measures(camera: Camera) -> list[Measure]:
     """Return what is measured; the first is what the verdicts are of."""
-    seen = lambda sigma, id, is_to_scene=False: eye.SeenColorError(
-        sigma_px=sigma, id=f"color_error_{id}", is_to_scene=is_to_scene
+    seen = lambda sigma, id, **how: eye.SeenColorError(
+        sigma_px=sigma, id=f"color_error_{id}", **how
     )
-    of_eye = seen(eye.sigma_px(camera), "eye")
+    sigma_px = eye.sigma_px(camera)
+    of_eye = seen(sigma_px, "eye")
+    squared = seen(sigma_px, "eye_squared", is_squared=True)
     to_scene = seen(_SCENE_BLUR_PX, "to_scene", is_to_scene=True)
     return [
         Measure(of_eye, "colour error, eye"),
         Measure(of_eye, f"eye, tilted {_TILT_DEG:g} deg", "tilted"),
+        Measure(squared, "squared colour error, eye"),
         Measure(seen(1.0, "1_px"), "colour error, 1 px"),
         Measure(seen(2.0, "2_px"), "colour error, 2 px"),
         Measure(to_scene, f"to scene, {_SCENE_BLUR_PX:g} px", "scene"),

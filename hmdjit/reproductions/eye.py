@@ -67,23 +67,30 @@ class SeenColorError(PixelMean):
       least 0. At the edge of a measured block colours are repeated.
     - `is_to_scene`: whether the reference is what the eye sees of the scene, blurred
       already. Else it is pixels like those displayed, squares of light.
+    - `is_squared`: whether the mean is of squares, in which few large errors, those of
+      edges, count more than many small ones.
     - `id`: of this blur.
     """
 
     sigma_px: float = eqx.field(static=True)
     id: str = eqx.field(static=True)  # pyright: ignore
     is_to_scene: bool = eqx.field(static=True, default=False)
-    unit: ClassVar[str] = "CIEDE2000"
+    is_squared: bool = eqx.field(static=True, default=False)
     needs_reference: ClassVar[bool] = True
     is_local: ClassVar[bool] = False
 
     def __check_init__(self):
         _checks.in_range("sigma_px", self.sigma_px, 0)
 
+    @property
+    def unit(self) -> str:  # pyright: ignore
+        """Unit of the mean."""
+        return "CIEDE2000" + "^2" * self.is_squared
+
     def per_pixel(
         self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
     ) -> Plane:
-        """CIEDE2000 of each pixel."""
+        """CIEDE2000 of each pixel, or its square."""
         assert reference is not None
         taps = weights(self.sigma_px)
         light = blurred(color.decode(shown), taps)
@@ -94,4 +101,5 @@ class SeenColorError(PixelMean):
             lab(jnp.moveaxis(planes, 0, -1), space="linear")
             for planes in (light, against)
         )
-        return ciede2000(*labs)
+        difference = ciede2000(*labs)
+        return difference**2 if self.is_squared else difference
