@@ -36,7 +36,7 @@ def multisample(samples: int) -> Pattern:
 
     **Errors:** `ValueError` for any other count.
     """
-    if samples not in _MULTISAMPLE:
+    if type(samples) is not int or samples not in _MULTISAMPLE:
         raise ValueError(f"samples must be 1, 2, 4, 8 or 16, got {samples!r}.")
     return np.array(_MULTISAMPLE[samples], dtype=float) / 16
 

@@ -83,7 +83,7 @@ FOLDERS = {
     "techniques": [
         ("small_motion",),
         ("base",),
-        ("contract", "stencil"),
+        ("contract", "stencil", "display_stages"),
         ("check",),
         ("*",),
         ("curve_file",),

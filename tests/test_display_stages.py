@@ -204,9 +204,12 @@ class Spreading(Freeze):
         return History.of(kept), kept
 
 
-def test_a_wrong_radius_of_the_history_is_an_error():
+@pytest.mark.parametrize(
+    "technique", [Spreading(), Displayed(Spreading(), MotionBlur())], ids=["", "staged"]
+)
+def test_a_wrong_radius_of_the_history_is_an_error(technique):
     with pytest.raises(ValueError, match="history_radius_px of freeze must be at leas"):
-        check_hints(Spreading())
+        check_hints(technique)
 
 
 @pytest.mark.slow
@@ -228,6 +231,7 @@ def test_ids_stack():
     for id in (
         "none+sharpen",
         "none+sharpen_xu",
+        "none+motion_blur30_taps8",
         "head_movement+ssaa2+motion_blur",
         "head_movement+fxaa39_linear+sharpen",
         "msaa4+motion_blur+sharpen",

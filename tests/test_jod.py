@@ -9,7 +9,7 @@ from scipy import integrate, optimize, stats
 
 import hmdjit as hj
 from hmdjit.metrics import observers
-from hmdjit.metrics.jod import negative_log_posterior, scaled
+from hmdjit.metrics.jod_scaling import negative_log_posterior, scaled
 
 TRUE = np.array([0.0, 0.4, 1.0, 2.1])
 
@@ -146,6 +146,18 @@ def test_a_condition_may_be_given_its_score():
     np.testing.assert_allclose(jnp.mean(free), 0, atol=1e-15)
 
 
+def test_conditions_may_lie_far_apart_where_others_lie_between():
+    true = np.arange(0.0, 9.0, 2.0)
+    share = stats.norm.cdf((true[:, None] - true) / 1.4826)
+    counts = np.triu(np.round(30 * share), 1)
+    counts += np.tril(30 - counts.T, -1)
+    ours = hj.metrics.jod(counts)
+    farther = np.append(ours[:-1], ours[-1] + 0.01)
+    assert loss(farther, counts, True) > loss(ours, counts, True)
+    np.testing.assert_allclose(ours, true - 4, rtol=0, atol=0.3)
+    assert ours[-1] - ours[0] > 7
+
+
 def test_the_order_of_conditions_does_not_matter():
     order = [2, 0, 1]
     ours = hj.metrics.jod(UNANIMOUS[np.ix_(order, order)])
@@ -173,7 +185,7 @@ def test_a_prior_keeps_unanimous_votes_near():
         ([[0, np.inf], [2, 0]], "^counts must be whole numbers >= 0 of votes, got inf"),
         ([[3, 1], [2, 0]], "^counts must be 0 on the diagonal.* itself, got 3.$"),
         (np.diag([2, 2], 2) + np.diag([1, 1], -2), "^counts must connect all"),
-        (np.diag([1, 1], 1), "^counts must have a most probable score: none"),
+        (np.diag([1, 1], 1), "^counts must place all conditions, got some"),
     ],
 )
 def test_what_are_no_votes_is_refused(counts, message):

@@ -244,7 +244,8 @@ def _values(means, spread=0.01, extra=0.0):
     ("means", "extra", "spread", "expected", "order"),
     [
         ((1, 2.01, 2, 3), 1.0, 0.01, (HOLDS,) * 4, "LL > BL > LG > BG"),
-        ((2, 1, 1, 1.9), -1.0, 0.01, (FAILS, HOLDS, FAILS, FAILS), None),
+        ((2, 1, 1, 1.9), -1.0, 0.01, (FAILS, HOLDS, FAILS, UNTOLD), None),
+        ((1, 2, 1.5, 4), -1.0, 0.01, (HOLDS,) * 3 + (FAILS,), "LL > BL > LG > BG"),
         ((1, 3, 2, 3.5), 0.0, 0.01, (HOLDS, FAILS, HOLDS, UNTOLD), "LL > BL > LG > BG"),
         ((1, 1, 1, 1), 0.0, 1.0, (UNTOLD,) * 4, None),
     ],

@@ -1,6 +1,7 @@
 """The command line's `hmdjit reproduce`: a paper's claims, each with a verdict."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ from ..studies.study import check_seed
 from .options import OK, Seed, check_can_write, shown
 from .progress import Display
 
+_TILES_PX = range(11, 65)  # what SSIM and tiles want
 PAPERS: dict[str, Any] = {"colour-space": color_space}
 
 
@@ -38,7 +40,7 @@ class ReproduceCommand:
         ),
     ]
     quick: Annotated[
-        bool, shown("", "Fewer sessions: less than two minutes on two cores.")
+        bool, shown("", "Fewer sessions: about two minutes on two cores.")
     ] = False
     sessions: Annotated[
         int | None,
@@ -80,6 +82,12 @@ class ReproduceCommand:
         camera = dataclasses.replace(
             paper.CAMERA, **{k: v for k, v in sizes.items() if v is not None}
         )
+        width, height = camera.width_px, camera.height_px
+        if not any(math.gcd(width, height) % px == 0 for px in _TILES_PX):
+            raise ValueError(
+                "--width and --height must be multiples of one size of "
+                f"{_TILES_PX[0]} to {_TILES_PX[-1]} px, got {width} x {height}."
+            )
         out = self.out or Path(f"hmdjit-{self.paper}")
         check_can_write(out)
         console.out(

@@ -32,8 +32,9 @@ class Compared:
         about = dataset[headline].attrs
         if not self.is_flicker:
             self.unit = str(about.get("units", "unknown units"))
-        if about.get("better") == "more":
-            self.unit += ", more is better"
+        words = [] if self.unit == "1" else [self.unit]
+        words += ["more is better"] * (about.get("better") == "more")
+        self.unit = ", ".join(words)
         order = ("technique", "scene", "session")
         self.mtcd = dataset[self.metrics[0]].transpose(*order).values.astype(float)
         self.techniques = [str(t) for t in dataset["technique"].values]

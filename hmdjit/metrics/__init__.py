@@ -26,7 +26,7 @@ from .image_error import mse as mse
 from .image_error import psnr as psnr
 from .image_error import rmsd as rmsd
 from .image_error import snr as snr
-from .jod import jod as jod
+from .jod_scaling import jod as jod
 from .mtcd import MTCD as MTCD
 from .mtcd import mtcd as mtcd
 from .observers import jod_intervals as jod_intervals

@@ -54,6 +54,9 @@ class AbstractMetric(eqx.Module):
     """Whether it is `-10 log10` of an error's power, infinite where there is none: its
     means are those of the powers. It is no headline: decibels have no ratio."""
 
+    is_of_tiles: ClassVar[bool] = True
+    """Whether means over tiles are those over the frame; not so of a quotient."""
+
     @abc.abstractmethod
     def init(self, measured: Region, dtype: DTypeLike) -> State:
         """State before the first frame of the measured block."""

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, DTypeLike
+from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
 from .. import color
 from .._types import Mask, Numbers, Plane, Rgb, Scalar
@@ -63,11 +63,15 @@ class RMSD(_SquaredError):
 
     id: ClassVar[str] = "rmsd"
     unit: ClassVar[str] = "code values"
-    about: ClassVar[str] = "RMSD, each session's root of MSE, code values."
+    about: ClassVar[str] = "RMSD, the mean of sessions' roots of MSE, code values."
 
     def value(self, state: State) -> Scalar:
         """Root of the mean over pixels and frames; NaN of no pixel."""
         return root(super().value(state))
+
+    def mean(self, values: Float[Array, " blocks"]) -> Array:
+        """Root of the blocks' mean square."""
+        return root(jnp.mean(values**2))
 
 
 class PSNR(_SquaredError):
@@ -105,6 +109,7 @@ class SNR(AbstractMetric):
     less_is_better: ClassVar[bool] = False
     needs_reference: ClassVar[bool] = True
     is_in_decibels: ClassVar[bool] = True
+    is_of_tiles: ClassVar[bool] = False
 
     def init(self, measured: Region, dtype: DTypeLike) -> State:
         """No squares so far, of the error and of the reference."""

@@ -14,16 +14,18 @@ from scipy import stats
 
 from .. import _checks
 from .._types import RandomKey, Scalar
-from .jod import JOD_SD, Scores, check_fixed, checked, jod, scaled_each, shifted
+from .jod_scaling import JOD_SD, Scores, check_fixed, checked, jod, scaled_each, shifted
 
 Votes = Float[Array, "observers conditions conditions"]
+
+_MOST_FAILED = 0.01  # of resamples or studies: others would look too sure
 
 
 class JodIntervals(NamedTuple):
     """Scores and their intervals, JOD.
 
-    - `scores`, `low`, `high`: `(conditions,)`.
-    - `failed`: share of resamples whose votes have no scores, and are left out.
+    - `scores`, `low`, `high`: `(conditions,)`; bounds are NaN if too many failed.
+    - `failed`: share of resamples whose votes have no scores; up to 1 % are left out.
     """
 
     scores: Scores
@@ -64,8 +66,10 @@ def jod_intervals(
     observers = len(votes)
     reach = stats.t.ppf((1 + level) / 2, observers - 1)
     reach = float(stats.norm.cdf(reach * math.sqrt(observers / (observers - 1))))
-    low, high = jnp.nanquantile(again, jnp.array([1 - reach, reach]), axis=0)
-    return JodIntervals(scores, low, high, jnp.mean(jnp.isnan(again[:, 0])))
+    failed = jnp.mean(jnp.isnan(again[:, 0]))
+    bounds = jnp.nanquantile(again, jnp.array([1 - reach, reach]), axis=0)
+    low, high = jnp.where(failed > _MOST_FAILED, jnp.nan, bounds)
+    return JodIntervals(scores, low, high, failed)
 
 
 def votes(
@@ -141,6 +145,8 @@ def plan(
     _checks.whole("repetitions", repetitions, 1)
     _checks.whole("studies", studies, 2)
     check_fixed(fixed, len(known))
+    if not isinstance(observers, Sequence) or isinstance(observers, str):
+        raise ValueError(f"observers must be sizes of studies, got {observers!r}.")
     sizes = tuple(sorted(set(observers)))
     if not sizes:
         raise ValueError("observers must name at least one size, got none.")
@@ -149,7 +155,7 @@ def plan(
     drawn = _studies(key, known, sizes, repetitions, spread_jod, studies)
     found = scaled_each(drawn.reshape(-1, *drawn.shape[2:]), prior)
     found = shifted(found.reshape(drawn.shape[:3]), fixed)
-    failed = np.isnan(np.asarray(found)[..., 0]).mean(axis=0) > 0.01
+    failed = np.isnan(np.asarray(found)[..., 0]).mean(axis=0) > _MOST_FAILED
     z = float(stats.norm.ppf(0.975))
     width = z * np.max(np.nanstd(found, axis=0, ddof=1), axis=-1)
     width = np.where(failed, np.nan, width)

@@ -58,14 +58,25 @@ def peak_of(test: ArrayLike, reference: ArrayLike, peak: float | None) -> float:
         peak = float(jnp.iinfo(dtype).max) if is_code else color.CODE_VALUES
         is_known = is_code or any(map(_checks.is_traced, (test, reference)))
         is_known = is_known or np.array_equal(test, reference)
-        largest = 255 if is_known else float(max(np.max(test), np.max(reference)))
-        if largest <= 1 or largest > peak:
+        largest = 255 if is_known else _largest(test, reference)
+        # Colours in [0, 1] may overshoot.
+        if largest <= 2 or largest > peak:
             raise ValueError(
                 f"peak must be named for values up to {largest:g}: "
                 "1 of colours in [0, 1], 255 of code values of 8 bits."
             )
     _checks.in_range("peak", peak, 0, open_low=True)
+    is_traced = any(map(_checks.is_traced, (test, reference, peak)))
+    if not is_traced and (largest := _largest(test, reference)) > 2 * peak:
+        raise ValueError(
+            f"peak must be the scale's largest value, got {peak:g} for values up to "
+            f"{largest:g}."
+        )
     return float(peak)
+
+
+def _largest(test: ArrayLike, reference: ArrayLike) -> float:
+    return float(max(np.max(test), np.max(reference)))
 
 
 def root(square: Numbers | Scalar) -> Numbers:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ..estimates.intervals import Interval, mean_interval
 from ..metrics import AbstractMetric
-from .claims import HOLDS, Claim, Measured, above, every, within
+from .claims import HOLDS, UNTOLD, Claim, Measured, above, every, within
 
 NAMES: tuple[str, ...] = ("LL", "LG", "BL", "BG")
 _ABOUT = 0.25  # of what lies between best and worst: two that differ less are alike
@@ -85,12 +85,21 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     spread = max(means.values()) - min(means.values())
     alike, margin = gap("LG", "BL"), _ABOUT * spread
     each = [worse[names.index("BG"), p] - worse[names.index("LL"), p] for p in (0, 1)]
-    more = mean_interval(each[0].mean(axis=0) - each[1].mean(axis=0))
+    by_pattern = [part.mean(axis=0) for part in each]
+    more = mean_interval(by_pattern[0] - by_pattern[1])
+    # How much edge a pattern has is our choice: per edge the verdict must be the same.
+    per_edge = [
+        part / EDGES_PER_DEG[name]
+        for name, part in zip(PATTERNS, by_pattern, strict=True)
+    ]
+    verdicts = {above(more), above(mean_interval(per_edge[0] - per_edge[1]))}
+    is_there = every([above(mean_interval(part)) for part in by_pattern])
+    verdict = verdicts.pop() if len(verdicts) == 1 and is_there == HOLDS else UNTOLD
     gaps = dict(zip(PATTERNS, (float(part.mean()) for part in each), strict=True))
     sizes = ", ".join(f"{pattern} {gap:.3g}" for pattern, gap in gaps.items())
     lengths = ", ".join(f"{gaps[p] / EDGES_PER_DEG[p]:.3g}" for p in PATTERNS)
     return [
-        extreme("LL", 1, "LL is the best", "the next best, minus LL"),
+        extreme("LL", 1, "LL is the best", "the best other, minus LL"),
         _claim(
             "LG is about as good as BL",
             measure,
@@ -99,15 +108,16 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
             within(alike, margin),
             f"alike is within {margin:.3g}, a quarter of worst minus best: {said}",
         ),
-        extreme("BG", -1, "BG is the worst", "BG minus the next worst"),
+        extreme("BG", -1, "BG is the worst", "BG minus the worst other"),
         _claim(
             "the checkerboard shows more of it than the honeycomb",
             measure,
             "BG minus LL, of checkerboard minus honeycomb",
             more,
-            above(more),
-            f"BG minus LL: {sizes} ({unit}); per length of edge {lengths} (how "
-            "much edge a pattern has is our choice)",
+            verdict,
+            f"BG minus LL: {sizes} ({unit}); per length of edge {lengths}. Told only "
+            "if BG is worse on both, and with and without regard to how much edge a "
+            "pattern has, which is our choice",
         ),
     ]
 

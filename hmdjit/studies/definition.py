@@ -76,6 +76,13 @@ class StudyDefinition(eqx.Module):
                 "metrics must begin with one that has ratios, and decibels have none: "
                 f"name mse before {self.metrics[0].id}."
             )
+        if isinstance(self.measure, Tiles):
+            for metric in self.metrics:
+                if not metric.is_of_tiles:
+                    raise ValueError(
+                        f"metrics must not have {metric.id} on tiles, of which it is "
+                        "no mean: measure a crop or the whole frame, or name psnr."
+                    )
         _checks.whole("sessions", self.sessions, 1)
         _checks.whole("frames", self.frames, 2)
         _checks.whole("warmup", self.warmup, 0)

@@ -5,7 +5,7 @@ shows.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from .._types import Samples
 from ..frames.motion import Motion
 from .base import AbstractTechnique, State, mean_of_samples
 from .contract import check_contract
+from .display_stages import Displayed
 from .stencil import (
     TRIALS,
     TURNS_RAD,
@@ -34,9 +35,16 @@ _TOLERANCE = 1e-4  # of the colour range, far above rounding in float32
 
 def _is_trusted(technique: AbstractTechnique) -> bool:
     """Whether the package's own tests hold all of its hints."""
-    parts = jax.tree.leaves(technique, is_leaf=lambda node: node is not technique)
-    modules = [technique, *(part for part in parts if isinstance(part, eqx.Module))]
-    return all(type(part).__module__.startswith("hmdjit.") for part in modules)
+    modules = [type(part).__module__ for part in _parts(technique)]
+    return all(module.startswith("hmdjit.") for module in modules)
+
+
+def _parts(module: eqx.Module) -> Iterator[eqx.Module]:
+    """Yield a module, and all modules in it."""
+    yield module
+    for part in jax.tree.leaves(module, is_leaf=lambda node: node is not module):
+        if isinstance(part, eqx.Module):
+            yield from _parts(part)
 
 
 def check_hints(technique: AbstractTechnique) -> None:
@@ -44,6 +52,8 @@ def check_hints(technique: AbstractTechnique) -> None:
 
     **Errors:** `ValueError` naming the technique, the hint, and what was found.
     """
+    if isinstance(technique, Displayed):
+        check_hints(technique.technique)  # also where the stage needs what is not seen
     leaves = jax.tree.leaves(technique)
     if _is_trusted(technique) or any(map(_checks.is_traced, leaves)):
         return

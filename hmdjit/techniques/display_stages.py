@@ -65,6 +65,12 @@ class Displayed(AbstractTechnique):
     technique: AbstractTechnique
     stage: AbstractStage
 
+    def __check_init__(self):
+        kinds = {"technique": AbstractTechnique, "stage": AbstractStage}
+        for name, kind in kinds.items():
+            if not isinstance(found := getattr(self, name), kind):
+                raise ValueError(f"{name} must be an {kind.__name__}, got {found!r}.")
+
     @property
     def id(self) -> str:
         """`none+sharpen`: the technique's and the stage's."""
@@ -188,8 +194,10 @@ class MotionBlur(AbstractStage):
 
     @property
     def id(self) -> str:
-        """The one id, `motion_blur`."""
-        return "motion_blur"
+        """`motion_blur`, and what is not its default: `motion_blur30_taps8`."""
+        fps = self.target_fps
+        known = "" if _checks.is_traced(fps) or fps == 25 else f"{float(fps):g}"
+        return f"motion_blur{known}" + f"_taps{self.most_taps}" * (self.most_taps != 64)
 
     @property
     def needs(self) -> frozenset[str]:

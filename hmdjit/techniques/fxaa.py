@@ -14,7 +14,6 @@ from ..filters.edges import TIE
 from ..filters.neighborhood import Reader
 from ..frames.frame import Frame
 from .base import SPACES, AbstractSpatial
-from .small_motion import AsRendered
 
 Sides = tuple[Array, Array]
 Gray = Float[Array, "1 height width"]
@@ -83,10 +82,6 @@ class FXAA(AbstractSpatial):
     def stencil_radius_px(self) -> int:
         """How far along an edge it reads."""
         return edge_spans.reach_px(PRESETS[self.preset].steps_px)
-
-    def small_motion(self) -> AsRendered:
-        """Move with the scene."""
-        return AsRendered()
 
     def resolve(self, frame: Frame) -> Rgb:
         """Mix each pixel of an edge with the one across it."""

@@ -87,6 +87,10 @@ class HeadMovement(AbstractTechnique):
         total = 1.0 if self.weights is None else sum(self.weights)
         if not _checks.is_traced(total) and total <= 0:
             raise ValueError(f"weights must have a positive sum, got {total:g}.")
+        if not isinstance(self.resolve, AbstractSpatial | None):
+            raise ValueError(
+                f"resolve must be an AbstractSpatial or None, got {self.resolve!r}."
+            )
         _checks.one_of("difference", self.difference, DIFFERENCES)
         _checks.one_of("space", self.space, SPACES)
 
@@ -241,6 +245,9 @@ class HeadMovement(AbstractTechnique):
     def small_motion(self) -> RecursiveBlend:
         """How the blend lags behind the scene, all past samples at their mean."""
         is_tabled = self.difference != "max_channel" and self.space == "gamma"
+        why = "" if is_tabled else "only RGB distances of gamma colours are tabled"
+        if self.resolve is not None and self.resolve.stencil_radius_px != 0:
+            why = f"{self.resolve.id} changes the picture before it is blended"
         closeness = self._mean_closeness()
         return RecursiveBlend(
             closeness,
@@ -250,7 +257,7 @@ class HeadMovement(AbstractTechnique):
             self.h_max_deg_s,
             self.ease,
             self.localization,
-            "" if is_tabled else "only RGB distances of gamma colours are tabled",
+            why,
         )
 
     def _mean_closeness(self) -> Scalar:

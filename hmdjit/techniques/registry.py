@@ -53,6 +53,7 @@ _NAMED: dict[str, AbstractTechnique] = {
 _STAGES: dict[str, AbstractStage] = {
     stage.id: stage for stage in (Sharpening(), Sharpening("xu"), MotionBlur())
 }
+_BLUR = r"motion_blur(\d+(?:\.\d+)?)?(?:_taps([1-9]\d*))?"
 
 
 def by_id(id: str) -> AbstractTechnique:
@@ -65,9 +66,9 @@ def by_id(id: str) -> AbstractTechnique:
     **Errors:** `ValueError` naming the known ids, with the nearest as a suggestion, or
     the file and what is wrong with it.
     """
-    before, plus, stage = id.rpartition("+")
-    if plus and stage in _STAGES:
-        return Displayed(by_id(before), _STAGES[stage])
+    before, plus, last = id.rpartition("+")
+    if plus and (stage := _stage(last)):
+        return Displayed(by_id(before), stage)
     # A path may have a plus of its own, before a slash or a dot.
     found = re.fullmatch(r"([^:+]*)(?::(.+?))?(?:\+(\w*))?", id)
     name, path, resolve = found.groups() if found else (id, None, None)
@@ -89,6 +90,18 @@ def by_id(id: str) -> AbstractTechnique:
             )
         if match := re.fullmatch(r"accumulation([1-9]\d*)(?:_(gamma))?", name):
             return AccumulationBuffer(int(match[1]), match[2] or "linear")
-    near = difflib.get_close_matches(id, IDS, n=1)
+    known = [*IDS, *_NAMED, *(f"none+{stage}" for stage in _STAGES)]
+    near = difflib.get_close_matches(id, known, n=1)
     hint = f" Did you mean {near[0]!r}?" if near else ""
-    raise ValueError(f"technique must be one of {', '.join(IDS)}, got {id!r}.{hint}")
+    raise ValueError(
+        f"technique must be one of {', '.join(IDS)} (what is a default is not said), "
+        f"behind any +{', +'.join(_STAGES)}, got {id!r}.{hint}"
+    )
+
+
+def _stage(id: str) -> AbstractStage | None:
+    if id in _STAGES:
+        return _STAGES[id]
+    if match := re.fullmatch(_BLUR, id):
+        return MotionBlur(float(match[1] or 25), int(match[2] or 64))
+    return None

@@ -97,9 +97,9 @@ class SSAA(AbstractSpatial):
         """SSAA(4), box and linear light, is what a texture carries ready made."""
         return self.id == "ssaa4"
 
-    def small_motion(self) -> AsRendered:
-        """Move with the scene."""
-        return AsRendered()
+    def small_motion(self) -> AsRendered | None:
+        """Move with the scene; of Lanczos that is not all."""
+        return AsRendered() if self.filter == "box" else None
 
     def resolve(self, frame: Frame) -> Rgb:
         """Filter the samples."""

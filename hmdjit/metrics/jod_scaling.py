@@ -45,7 +45,8 @@ def jod(
 
     - `counts`: `(conditions, conditions)`, whole numbers of votes.
     - `prior`: whether distances that all pairs' votes make likely are preferred, which
-      keeps unanimous votes from moving conditions infinitely far apart.
+      keeps unanimous votes from moving conditions infinitely far apart (not where many
+      other pairs were judged alike, and one condition is placed by such votes alone).
     - `fixed`: number of a condition, from 0, and its score; None has a mean of 0.
 
     **Returns:** JOD, `(conditions,)`. Inside compiled code NaN stands for an error.
@@ -60,7 +61,9 @@ def jod(
     check_fixed(fixed, votes.shape[-1])
     found = shifted(scaled(votes, prior), fixed)
     if not _checks.is_traced(found) and not np.isfinite(found).all():
-        raise ValueError("counts must have a most probable score: none was found.")
+        raise ValueError(
+            "counts must place all conditions, got some that no votes keep near."
+        )
     return found
 
 
@@ -174,9 +177,11 @@ def scaled(counts: Counts, prior: bool) -> Scores:
     found = scores(steps)
     # However the search ended: is it at a minimum, and is that not at infinity?
     slope = jnp.max(jnp.abs(jax.grad(objective)(steps, known)))
-    distance = jnp.where(votes + votes.T > 0, found[:, None] - found[None], 0.0)
+    # Pairs that far apart say nothing of how far: nearer ones must connect all.
+    is_near = jnp.abs(found[:, None] - found[None]) < _FARTHEST_JOD
+    near = jnp.where(is_near, votes + votes.T, 0.0)
     is_found = (slope < (1e-3 if is_double else 0.1)) & _is_connected(votes, prior)
-    is_found = is_found & (jnp.max(jnp.abs(distance)) < _FARTHEST_JOD)
+    is_found = is_found & _is_connected(near, True)
     return jnp.where(is_found, found, jnp.nan)
 
 
@@ -208,7 +213,8 @@ def _is_connected(votes: Shaped[Array, "n n"], prior: bool) -> Bool[Array, ""]:
     Without a prior only won ones count: else one group has won all its comparisons
     with the others, and has no finite score (Ford 1957).
     """
-    step = (votes + votes.T > 0) if prior else votes > 0
+    won = votes > 0
+    step = (won | won.T) if prior else won
     reach = step | np.eye(len(votes), dtype=bool)
     for _ in range(len(votes).bit_length()):
         reach = (reach.astype(jnp.int32) @ reach.astype(jnp.int32)) > 0
@@ -227,6 +233,10 @@ def check_fixed(fixed: tuple[int, float] | None, conditions: int) -> None:
     """Raise unless there is such a condition, and its score is finite."""
     if fixed is None:
         return
+    if not isinstance(fixed, tuple | list) or len(fixed) != 2:
+        raise ValueError(
+            f"fixed must be a pair, a condition's number and score, got {fixed!r}."
+        )
     _checks.whole("fixed[0]", fixed[0], 0)
     _checks.in_range("fixed[0]", fixed[0], 0, conditions - 1)
     _checks.in_range("fixed[1]", fixed[1])
@@ -261,7 +271,7 @@ def checked(counts: ArrayLike, axes: int, *, prior: bool) -> Array:
             "counts must be 0 on the diagonal, where a condition is compared with "
             f"itself, got {own[own != 0].flat[0]:g}."
         )
-    total = jnp.sum(votes, axis=0) if axes == 3 else votes
+    total = jnp.sum(votes > 0, axis=0, dtype=jnp.int32) if axes == 3 else votes
     if not _is_connected(total, True):
         raise ValueError(
             "counts must connect all conditions by comparisons, got some that were "
