@@ -58,8 +58,9 @@ def most_different(
 
     The largest difference first; each further pair is the one of the largest difference
     whose colours both lie at least `apart` from all colours of those before it, so that
-    the pairs are not shades of one. Of equal ones, to 0.01, the darker comes first
-    (red before green before blue). Grid and distance are choices of ours.
+    the pairs are not shades of one (their mixes may be alike). Of equal ones, to 0.01,
+    the darker comes first (red before green before blue). Grid and distance are choices
+    of ours.
 
     **Arguments:**
 
