@@ -238,6 +238,7 @@ NO_ROW = {
     "sample_patterns.multisample": "constants",
     "sample_patterns.ordered_grid": "constants",
     "sample_patterns.halton": "radical_inverse",
+    "sample_patterns.accumulation": "radical_inverse",
     "theory.prediction.has_theory": "whole: true or false",
     "theory.prediction.predict": "test_single_precision, test_extremes",
     "theory.prediction.predict_model": "predict",
