@@ -83,10 +83,12 @@ class ReproduceCommand:
             paper.CAMERA, **{k: v for k, v in sizes.items() if v is not None}
         )
         width, height = camera.width_px, camera.height_px
-        if not any(math.gcd(width, height) % px == 0 for px in _TILES_PX):
+        tiles = [px for px in _TILES_PX if math.gcd(width, height) % px == 0]
+        if not tiles or width * height < 2 * tiles[0] ** 2:
             raise ValueError(
                 "--width and --height must be multiples of one size of "
-                f"{_TILES_PX[0]} to {_TILES_PX[-1]} px, got {width} x {height}."
+                f"{_TILES_PX[0]} to {_TILES_PX[-1]} px, and hold two such tiles, got "
+                f"{width} x {height}."
             )
         out = self.out or Path(f"hmdjit-{self.paper}")
         check_can_write(out)
