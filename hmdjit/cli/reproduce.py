@@ -39,9 +39,7 @@ class ReproduceCommand:
             "Lanczos filter (Maruszczuk et al.).",
         ),
     ]
-    quick: Annotated[
-        bool, shown("", "Fewer sessions: about two minutes on two cores.")
-    ] = False
+    quick: Annotated[bool, shown("", "Fewer sessions: a minute on two cores.")] = False
     sessions: Annotated[
         int | None,
         shown(
