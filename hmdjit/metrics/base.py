@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
 from .. import _checks
-from .._types import Mask, Numbers, Plane, Rgb, Scalar
+from .._types import Mask, Numbers, Rgb, Scalar
 from ..camera import Region
 
 State = Any
@@ -131,7 +131,7 @@ class PixelMean(AbstractMetric):
     @abc.abstractmethod
     def per_pixel(
         self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
-    ) -> Plane:
+    ) -> Numbers:
         """Return each pixel's number, `(height, width)`."""
 
     def init(self, measured: Region, dtype: DTypeLike) -> State:

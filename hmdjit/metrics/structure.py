@@ -21,11 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, DTypeLike, Float
 
-from .._types import Mask, Numbers, Rgb, Scalar
+from .._types import Numbers, Rgb, Scalar
 from ..camera import Region
 from ..color import CODE_VALUES
 from . import pictures
-from .base import AbstractMetric, State, compensated
+from .base import PixelMean, State
 
 _RADIUS_PX, _SIGMA_PX = 5, 1.5
 WINDOW_PX = 2 * _RADIUS_PX + 1
@@ -70,8 +70,8 @@ def ssim_volume_map(
     return jnp.moveaxis(_map(_volume_map, test, reference, peak), 0, -1)
 
 
-class _Similarity(AbstractMetric):
-    """Mean over frames of a map's mean over the measured block."""
+class _Similarity(PixelMean):
+    """Mean over frames of a map of the measured block, which comes in one piece."""
 
     unit: ClassVar[str] = "1"
     less_is_better: ClassVar[bool] = False
@@ -83,32 +83,20 @@ class _Similarity(AbstractMetric):
         """Return the map of code values."""
 
     def init(self, measured: Region, dtype: DTypeLike) -> State:
-        """Sum and count of no frame so far."""
+        """Sum and count of no window so far."""
         if min(measured.width, measured.height) < WINDOW_PX:
             raise ValueError(
                 f"{self.id} must have blocks of at least {WINDOW_PX} px each way, got "
                 f"{measured.width} x {measured.height}."
             )
-        return jnp.zeros((2, 2), dtype)
+        return super().init(measured, dtype)
 
-    def step(
-        self,
-        state: State,
-        shown: Rgb,
-        previous: Rgb | None,
-        reference: Rgb | None,
-        is_measured: Mask | None = None,
-    ) -> State:
-        """Add the map of a frame's measured block, which is all that is given."""
+    def per_pixel(
+        self, shown: Rgb, previous: Rgb | None, reference: Rgb | None
+    ) -> Numbers:
+        """Return the map."""
         assert reference is not None
-        assert is_measured is None, "a metric that is not local sees its block alone"
-        found = jnp.mean(self.map(CODE_VALUES * shown, CODE_VALUES * reference))
-        return compensated(state, jnp.stack([found, jnp.ones_like(found)]))
-
-    def value(self, state: State) -> Scalar:
-        """Mean over frames; NaN of none."""
-        (total, count), _ = state
-        return total / count
+        return self.map(CODE_VALUES * shown, CODE_VALUES * reference)
 
 
 class SSIM(_Similarity):
