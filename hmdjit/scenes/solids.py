@@ -161,6 +161,10 @@ class Solids(AbstractScene, AbstractSource):
         """Smallest and largest displacement to where what is seen was, px."""
         return solid_channels.velocity_bounds(self.world(view, has_steps=True), view)
 
+    def nearest_m(self, view: View) -> Scalar:
+        """Smallest depth that a region can show, m; never too large."""
+        return 1 / jnp.max(solid_channels.nearness(self.world(view), view))
+
     def world(self, view: View, *, has_steps: bool = False) -> World:
         """Return the scene at a frame, in the head's axes.
 
