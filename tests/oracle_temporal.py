@@ -181,6 +181,7 @@ def halton(count, first, permuted=False):
 
 RGSS = np.array([(-2, -6), (2, 6), (6, -2), (-6, 2)]) / 16  # in TIDOAA's order
 JITTER_PX = {  # places of samples; what the sequences say is the picture's shift, -s
+    "two_frame": np.array([(-0.25, -0.25), (0.25, 0.25)]),
     "amortized": 0.5 - halton(16, 1),
     "inside": 0.5 - halton(16, 1),
     "karis": 0.5 - halton(8, 1),
@@ -221,7 +222,9 @@ def amortized(clip, alpha_min=1 / 16, tau=0.5):
 
 def two_frame(clip):
     height, width = X_PX.shape
-    speeds = np.hypot(clip.velocity_px[..., 0] / width, clip.velocity_px[..., 1] / height)
+    speeds = np.hypot(
+        clip.velocity_px[..., 0] / width, clip.velocity_px[..., 1] / height
+    )
     displayed = [clip.color[0]]
     for k in range(1, len(clip.color)):
         vx, vy = np.moveaxis(clip.velocity_px[k], -1, 0)
@@ -318,8 +321,9 @@ def uncharted4(clip):
 
 def karis_filtered(picture, s):
     """Gaussian mean of the samples of each 3 x 3 block about the pixel's centre."""
-    weights = np.array([np.exp(-2.29 * ((dx + s[0]) ** 2 + (dy + s[1]) ** 2))
-                        for dx, dy in AROUND])
+    weights = np.array(
+        [np.exp(-2.29 * ((dx + s[0]) ** 2 + (dy + s[1]) ** 2)) for dx, dy in AROUND]
+    )
     return np.tensordot(weights / weights.sum(), nine(picture), axes=1)
 
 
@@ -458,7 +462,8 @@ def reprojected(store, onto, subcell):
     moved = {}
     for (row, column), cell in sorted(store.items()):
         block = [
-            store.get((row // 2 * 2 + j, column // 2 * 2 + i)) for j in (0, 1)
+            store.get((row // 2 * 2 + j, column // 2 * 2 + i))
+            for j in (0, 1)
             for i in (0, 1)
         ]
         block = [each for each in block if each is not None and each.validity > 0.1]
@@ -511,10 +516,12 @@ def tidoaa(clip, subcell=False):
                     thing,
                     kind,
                 )
-                four = [store.get((2 * j + b, 2 * i + a)) for b in (0, 1)
-                        for a in (0, 1)]
+                four = [
+                    store.get((2 * j + b, 2 * i + a)) for b in (0, 1) for a in (0, 1)
+                ]
                 shown[j, i] = np.mean(
-                    [c.color for c in four if c is not None and c.validity >= 0.1], axis=0
+                    [c.color for c in four if c is not None and c.validity >= 0.1],
+                    axis=0,
                 )
         displayed.append(shown)
     return np.stack(displayed)

@@ -124,6 +124,7 @@ def _cast(k, jitter_px, heads, things, is_moving):
     albedo = _texture(9 * ahead[..., 0], 9 * ahead[..., 1], 0.4)
     light = np.ones(x.shape)
     past = projected(ahead @ last_turn)
+    shown = depth, ids, albedo, light, past
 
     for thing in (PLANE, CARD, DISC):
         own, place = _matrices(things[k, thing])
@@ -139,12 +140,10 @@ def _cast(k, jitter_px, heads, things, is_moving):
         own, place = _matrices(things[max(k - 1, 0), thing])
         before = np.stack([width_before * u, v, 0 * u], axis=-1) @ own.T + place
         seen_before = projected((before - last_eye) @ last_turn)
-        shown = _texture(u, v, 1.1 * thing)
         lit = 0.75 + 0.25 * np.cos(1.3 * u - 0.8 * v)
-        for value, new in (
-            [(depth, reach), (ids, np.full(x.shape, thing)), (albedo, shown)]
-            + [(light, lit), (past, seen_before)]
-        ):
+        one = np.full(x.shape, thing)
+        now = reach, one, _texture(u, v, 1.1 * thing), lit, seen_before
+        for value, new in zip(shown, now, strict=True):
             value[is_seen] = new[is_seen]
     moved = np.stack([x, y], axis=-1) - past
     return albedo * light[..., None], depth, ids, CLASS_OF[ids], albedo, moved
