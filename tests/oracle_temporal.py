@@ -195,25 +195,66 @@ JITTER_PX = {  # places of samples; what the sequences say is the picture's shif
 # --- Yang et al. 2009 ---
 
 
-def amortized(clip, alpha_min=1 / 16, tau=0.5):
+def is_same_depth(clip, k, x, y):
+    """Whether what lies at places of the last frame is as far as each pixel is now."""
+    depth, before = clip.depth[k], nearest(clip.depth[k - 1], x, y)
+    is_far = np.isinf(depth)
+    apart = np.abs(np.where(is_far, 0, before) - np.where(is_far, 0, depth))
+    return np.where(is_far, np.isinf(before), apart <= 0.01 * depth)
+
+
+def sample_weight(age, vx, vy, least, limit_px2):
+    fx, fy = vx - np.floor(vx), vy - np.floor(vy)
+    blur = (fx * (1 - fx) + fy * (1 - fy)) / 2
+    return np.maximum(1 / (age + 1), np.maximum(blur / (blur + limit_px2), least))
+
+
+def amortized(clip, least=1 / 16, limit_px2=0.5):
     shown, age = clip.color[0], np.ones(X_PX.shape)
     displayed = [shown]
     for k in range(1, len(clip.color)):
         vx, vy = np.moveaxis(clip.velocity_px[k], -1, 0)
         x, y = X_PX - vx, Y_PX - vy
-        history, is_known = past(shown, x, y)
-        depth, before = clip.depth[k], nearest(clip.depth[k - 1], x, y)
-        is_far = np.isinf(depth)
-        apart = np.abs(np.where(is_far, 0, before) - np.where(is_far, 0, depth))
-        is_same = np.where(is_far, np.isinf(before), apart <= 0.01 * depth)
-        is_known &= is_same
-        count = np.where(is_known, bilinear(age, x, y), 0)
-        fx, fy = vx - np.floor(vx), vy - np.floor(vy)
-        beta = (fx * (1 - fx) + fy * (1 - fy)) / 2
-        alpha = np.maximum(1 / (count + 1), np.maximum(beta / (beta + tau), alpha_min))
-        shown = blended(clip.color[k], history, 1 - alpha, is_known)
-        age = np.minimum(count + 1, 1 / alpha_min if alpha_min else np.inf)
+        before, is_known = past(shown, x, y)
+        is_known &= is_same_depth(clip, k, x, y)
+        age = np.where(is_known, bilinear(age, x, y), 0)
+        weight = sample_weight(age, vx, vy, least, limit_px2)
+        shown = blended(clip.color[k], before, 1 - weight, is_known)
+        age = np.minimum(age + 1, 1 / least if least else np.inf)
         displayed.append(shown)
+    return np.stack(displayed)
+
+
+CELLS = [(0, 0), (1, 1), (1, 0), (0, 1)]  # right, lower
+
+
+def amortized_subpixel(clip, least=1 / 16, limit_px2=0.5, jitters=True):
+    """The same of 2 x 2 sub-pixels, one of which takes each frame's sample."""
+    twice = lambda picture: picture.repeat(2, axis=0).repeat(2, axis=1)
+    fine, ages = twice(clip.color[0]), twice(np.zeros(X_PX.shape))
+    displayed = []
+    for k, s in enumerate(clip.jitter_px):
+        vx, vy = np.moveaxis(clip.velocity_px[k], -1, 0)
+        taking = (int(s[0] >= 0), int(s[1] >= 0)) if jitters else CELLS[k % 4]
+        new, new_ages = np.empty_like(fine), np.empty_like(ages)
+        for right, lower in CELLS:
+            # Places in sub-pixels, whose centres lie at (0.5, 0.5) and so on.
+            x, y = X_PX - vx + (right - 0.5) / 2, Y_PX - vy + (lower - 0.5) / 2
+            before, age = bilinear(fine, 2 * x, 2 * y), bilinear(ages, 2 * x, 2 * y)
+            is_known = np.full(X_PX.shape, False)
+            if k > 0:
+                is_known = is_inside(X_PX - vx, Y_PX - vy)
+                is_known &= is_same_depth(clip, k, X_PX - vx, Y_PX - vy)
+            age = np.where(is_known, age, 0)
+            before = np.where(is_known[..., None], before, clip.color[k])
+            if (right, lower) == taking:
+                weight = sample_weight(age, 2 * vx, 2 * vy, least, limit_px2)
+                before = mixed(before, clip.color[k], weight[..., None])
+                age = np.minimum(age + 1, 1 / least)
+            new[lower::2, right::2], new_ages[lower::2, right::2] = before, age
+        fine, ages = new, new_ages
+        four = [fine[lower::2, right::2] for right, lower in CELLS]
+        displayed.append(np.mean(four, axis=0))
     return np.stack(displayed)
 
 
@@ -301,7 +342,7 @@ def thesis_baseline(clip, clamps=True):
 
 def uncharted4(clip):
     history, displayed = unjittered(clip.color[0], clip.jitter_px[0]), []
-    stencils = [nine(each).max(axis=0) for each in clip.motion_class]
+    stencils = [nine(each).max(axis=0) for each in clip.object_id]
     for k in range(len(clip.color)):
         if k > 0:
             s, picture = clip.jitter_px[k], clip.color[k]

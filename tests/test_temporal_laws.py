@@ -111,13 +111,20 @@ def test_tidoaa_at_rest_is_four_samples_of_each_pixel():
 
 
 def test_amortized_at_rest_is_the_mean_of_its_renders():
-    technique = Amortized(alpha_min=0.0)
+    technique = Amortized(min_weight=0.0)
     still = clips.solid_clip(pattern(technique), is_moving=False)
     # Where a sample's surface is another one than the last, history is refused.
     flat = still._replace(depth=np.full_like(still.depth, 5.0))
     number = np.arange(1, clips.FRAMES + 1)[:, None, None, None]
     mean = np.cumsum(flat.color, axis=0) / number
     np.testing.assert_allclose(shown(technique, flat), mean, atol=1e-12)
+
+
+def test_sub_pixels_at_rest_are_four_samples_of_each_pixel():
+    still = clips.solid_clip(oracle.RGSS, is_moving=False)
+    flat = still._replace(depth=np.full_like(still.depth, 5.0))
+    ours, mean = shown(Amortized(subpixel=True), flat), flat.color[:4].mean(axis=0)
+    np.testing.assert_allclose(ours[3], mean, atol=1e-12)
 
 
 # --- states ---

@@ -33,6 +33,7 @@ SOBEL_CHOICES = list(
 
 CASES = [
     (Amortized(), oracle.amortized),
+    (Amortized(subpixel=True), oracle.amortized_subpixel),
     (TwoFrame(), oracle.two_frame),
     (Inside(), oracle.inside),
     (Inside(ycocg=True, off_screen="reject"), of(oracle.inside, True, clamps=False)),
