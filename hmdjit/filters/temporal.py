@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._types import Mask, Plane, Planes, Scalar
+from .._types import Mask, Numbers, Plane, Planes, Scalar
 from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -72,7 +72,12 @@ def past(
     is_shown = is_finite(shown)
     if not clamps:
         is_shown = is_shown & displacement.inside()
-    return jnp.where(is_shown, shown, instead)
+    return jnp.where(is_shown[None], shown, instead)
+
+
+def _largest(planes: Planes) -> Float[Array, "1 height width"]:
+    # On CPUs XLA's own maximum over a first axis takes several times as long.
+    return functools.reduce(jnp.maximum, planes)[None]
 
 
 def clip_to_center(colors: Planes, box: Box) -> Planes:
@@ -82,7 +87,7 @@ def clip_to_center(colors: Planes, box: Box) -> Planes:
     """
     center = (box.low + box.high) / 2
     extent = (box.high - box.low) / 2 + _LEAST_EXTENT
-    beyond = functools.reduce(jnp.maximum, jnp.abs((colors - center) / extent))
+    beyond = _largest(jnp.abs((colors - center) / extent))
     is_inside = beyond <= 1
     scale = jnp.where(is_inside, 1.0, beyond)
     return jnp.where(is_inside, colors, center + (colors - center) / scale)
@@ -102,13 +107,13 @@ def clip_towards(colors: Planes, target: Planes, box: Box) -> Planes:
     enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
     is_within = (box.low <= colors) & (colors <= box.high)
     level = jnp.where(is_within, -jnp.inf, jnp.inf)
-    entry = functools.reduce(jnp.maximum, jnp.where(is_level, level, enters))
+    entry = _largest(jnp.where(is_level, level, enters))
     return colors + jnp.clip(entry, 0, 1) * way
 
 
 def feedback_weight(
-    current_luma: Plane, past_luma: Plane, low: Scalar, high: Scalar
-) -> Plane:
+    current_luma: Numbers, past_luma: Numbers, low: Scalar, high: Scalar
+) -> Numbers:
     """Weight of the past: `low` where it differs from the present, `high` where not.
 
     **Source:** Lottes, "Temporal anti-aliasing", 2011, as in Pedersen 2016.
