@@ -75,6 +75,23 @@ def sharpened(planes: FloatPlanes, strength: float) -> FloatPlanes:
     return planes + strength * (4 * planes - ((above + below) + (left + right)))
 
 
+def gaussian_mean(
+    planes: FloatPlanes, center_px: Float[Array, "2"] | None, decay_px2: float
+) -> FloatPlanes:
+    """Mean of each 3 x 3 block, weighted by `exp(-decay distance^2)`.
+
+    **Arguments:** `center_px`: from where distances count, from the block's centre, px;
+    `decay_px2`: per px^2.
+    """
+    center = jnp.zeros(2, planes.dtype) if center_px is None else center_px
+    distance = jnp.arange(-1, 2, dtype=planes.dtype)[:, None] - center[None]
+    weights = jnp.exp(-decay_px2 * distance**2)
+    across, down = (weights / weights.sum(axis=0)[None]).T
+    at = around(planes, 1)
+    rows = [sum(across[i] * at(i - 1, dy) for i in range(3)) for dy in (-1, 0, 1)]
+    return sum(down[j] * rows[j] for j in range(3))
+
+
 class Box(NamedTuple):
     """Smallest and largest values around each pixel, plane by plane."""
 

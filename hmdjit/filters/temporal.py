@@ -121,3 +121,33 @@ def feedback_weight(
     largest = jnp.maximum(jnp.maximum(current_luma, past_luma), _LEAST_LUMA)
     alike = 1 - jnp.abs(current_luma - past_luma) / largest
     return low + (high - low) * alike**2
+
+
+def likeness(speed: Plane, past_speed: Plane, sensitivity: float) -> Plane:
+    """How alike two speeds are: 1 where equal, by the root of their difference.
+
+    **Accuracy:** the slope where they are equal is chosen as 0.
+
+    **Source:** Jimenez et al., "SMAA", 2012, code of the resolve of two frames.
+    """
+    difference = jnp.abs(speed - past_speed)
+    is_zero = difference == 0
+    root = jnp.sqrt(jnp.where(is_zero, 1.0, difference))
+    return jnp.clip(1 - sensitivity * jnp.where(is_zero, 0.0, root), 0, 1)
+
+
+def resampling_variance(dx: Plane, dy: Plane) -> Plane:
+    """Variance that a bilinear read spreads a pixel by, mean of both axes, texels^2.
+
+    **Arguments:** displacement, texels, of which the fractions count.
+    """
+    x, y = dx - jnp.floor(dx), dy - jnp.floor(dy)
+    return (x * (1 - x) + y * (1 - y)) / 2
+
+
+def thesis_depth(depth: Plane) -> Plane:
+    """Depth as Oliveros' thesis compares it, `2 / (1 + 10000 / depth)`; 2 at infinity.
+
+    **Source:** code of the thesis, its planes at 1 and 10000.
+    """
+    return 2 / (1 + 1e4 / depth)
