@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,12 +26,19 @@ from hmdjit.techniques import (
 
 UNJITTERING = [Inside(), ThesisBaseline(), SobelTAA()]
 ALL = [Amortized(), TwoFrame(), Uncharted4(), Karis(), TIDOAA(), *UNJITTERING]
-STORES = [TIDOAA()]  # which keep cells, not pixels
 named = lambda technique: technique.id
-of_all = pytest.mark.parametrize("technique", ALL, ids=named)
-of_readers = pytest.mark.parametrize(
-    "technique", [each for each in ALL if each not in STORES], ids=named
-)
+
+
+def of(quick, slow):
+    marked = [pytest.param(each, marks=pytest.mark.slow) for each in slow]
+    return pytest.mark.parametrize("technique", [*quick, *marked], ids=named)
+
+
+INSIDE = Inside(ycocg=True, motion_blur=True)
+MANY = [TwoFrame(), Uncharted4(), ThesisBaseline(), INSIDE]
+of_all = of(ALL, [])
+of_readers = of([Karis(), SobelTAA()], [Amortized(), Amortized(subpixel=True), *MANY])
+of_some = of([Karis()], [Amortized(), *MANY, SobelTAA(), TIDOAA()])
 
 
 def pattern(technique):
@@ -120,6 +128,7 @@ def test_amortized_at_rest_is_the_mean_of_its_renders():
     np.testing.assert_allclose(shown(technique, flat), mean, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_sub_pixels_at_rest_are_four_samples_of_each_pixel():
     still = clips.solid_clip(oracle.RGSS, is_moving=False)
     flat = still._replace(depth=np.full_like(still.depth, 5.0))
@@ -184,42 +193,39 @@ def _without_a_pixel(leaf):
 
 # --- derivatives, and programs ---
 
-SLOW = [Amortized(), TwoFrame(), Uncharted4(), Inside(ycocg=True, motion_blur=True)]
-SLOW += [ThesisBaseline(), SobelTAA(), TIDOAA()]
-of_some = pytest.mark.parametrize(
-    "technique",
-    [Karis(), *(pytest.param(each, marks=pytest.mark.slow) for each in SLOW)],
-    ids=named,
-)
 
+def slopes_of(technique):
+    """Derivatives of what a step displays and keeps, in all that is no whole number."""
 
-def loss_of(technique, clip):
-    """Mean square of what is displayed, of colours, and velocities."""
-    given = clip.channels()
+    def loss(floats, others):
+        state, frame, motion = eqx.combine(floats, others)
+        found = jax.tree.leaves(technique.step(state, frame, motion))
+        return sum(jnp.mean(x**2) for x in found if jnp.issubdtype(x.dtype, float))
 
-    def loss(color, velocity):
-        channels = given | {"velocity_px": velocity}
-        return jnp.mean(hj.apply(technique, CAMERA, color, clip.poses, **channels) ** 2)
+    @jax.jit
+    def slopes(*given):
+        return jax.grad(loss)(*eqx.partition(given, eqx.is_inexact_array))
 
-    return loss
+    return slopes
 
 
 @of_some
-def test_slopes_are_finite_at_rest_and_right_in_motion(technique):
-    moving, still = (clip_of(name_of(technique), moves) for moves in (True, False))
-    slopes = jax.jit(jax.grad(loss_of(technique, moving), (0, 1)))
-    by_color, _ = slopes(*map(jnp.asarray, (moving.color, moving.velocity_px)))
-    assert np.isfinite(by_color).all()
-    assert np.abs(by_color).max() > 0
+def test_slopes_are_finite_at_rest_too(technique):
+    name, slopes = name_of(technique), slopes_of(technique)
+    moving, still = (clip_of(name, is_moving) for is_moving in (True, False))
     # What does not move, and one colour everywhere, are the corners of most formulas.
-    flat = jnp.full_like(jnp.asarray(still.color), 0.5)
-    for color in (jnp.asarray(still.color), flat):
-        for slope in slopes(color, jnp.asarray(still.velocity_px)):
-            assert np.isfinite(slope).all()
+    grey = np.full_like(still.color, 0.5)
+    flat = still._replace(color=grey, albedo=grey, depth=np.full_like(grey[..., 0], 5))
+    for clip in (moving, still, flat):
+        (first, _), second, *_ = frames_of(technique, clip)
+        found = slopes(jax.jit(technique.init)(first), *second)
+        for path, slope in jax.tree_util.tree_leaves_with_path(found):
+            assert np.isfinite(slope).all(), jax.tree_util.keystr(path)
+        assert np.abs(found[1].color).max() > 0
 
 
 @of_some
-def test_techniques_compile_and_batch(technique):
+def test_techniques_batch(technique):
     clip = clip_of(name_of(technique))
     given = clip.channels()
     run = lambda color: hj.apply(technique, CAMERA, color, clip.poses, **given)
