@@ -103,9 +103,12 @@ class Box(NamedTuple):
         return Box((self.low + other.low) / 2, (self.high + other.high) / 2)
 
 
-def plus_and_block(planes: FloatPlanes) -> tuple[Box, Box]:
-    """Boxes of each pixel and its four neighbours, and of each 3 x 3 block."""
-    at = around(planes, 1)
+def plus_and_block(planes: FloatPlanes, *, margin_px: int = 0) -> tuple[Box, Box]:
+    """Boxes of each pixel and its four neighbours, and of each 3 x 3 block.
+
+    **Arguments:** `margin_px`: pixels around, 0 or 1, that are there to be read only.
+    """
+    at = reader(padded(planes, 1 - margin_px, 1 - margin_px), 1)
 
     def ends(extreme: Callable) -> tuple[FloatPlanes, FloatPlanes]:
         of = lambda *values: functools.reduce(extreme, values)
@@ -118,9 +121,9 @@ def plus_and_block(planes: FloatPlanes) -> tuple[Box, Box]:
     return Box(lows[0], highs[0]), Box(lows[1], highs[1])
 
 
-def rounded_box(planes: FloatPlanes) -> Box:
-    """Box midway between those of a plus and of a 3 x 3 block."""
-    plus, block = plus_and_block(planes)
+def rounded_box(planes: FloatPlanes, *, margin_px: int = 0) -> Box:
+    """Box midway between those of a plus and of a 3 x 3 block, see there."""
+    plus, block = plus_and_block(planes, margin_px=margin_px)
     return plus.halfway(block)
 
 

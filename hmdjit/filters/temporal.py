@@ -19,11 +19,15 @@ _LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
 _LEAST_LUMA = 0.2  # that a difference of luma is held against
 
 
-def unjittered(planes: FloatPlanes, jitter_px: Float[Array, "2"] | None) -> FloatPlanes:
+def unjittered(
+    planes: FloatPlanes, jitter_px: Float[Array, "2"] | None, *, margin_px: int = 0
+) -> Float[Array, "*planes rows columns"]:
     """Read a jittered frame where the content of each pixel's centre went.
 
     **Arguments:** `jitter_px`: of `Frame`, where its samples lie; None is the centre.
+    `margin_px`: pixels around the frame that are read, too.
     """
+    planes = neighborhood.padded(planes, margin_px, margin_px)
     return planes if jitter_px is None else neighborhood.shifted(planes, -jitter_px)
 
 

@@ -75,9 +75,11 @@ class ThesisBaseline(AbstractTemporal):
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Blend in the past of the nearest surface around, clipped to a rounded box."""
         at = temporal.dilated(frame, motion, temporal.thesis_depth(frame.depth), _TIE)
-        current = temporal.unjittered(frame.color[0], frame.jitter_px)
+        around = temporal.unjittered(frame.color[0], frame.jitter_px, margin_px=1)
+        current = around[:, 1:-1, 1:-1]
         past = temporal.past(state, at, current, clamps=self.off_screen == "clamp")
-        past = temporal.clip_to_center(past, neighborhood.rounded_box(current))
+        box = neighborhood.rounded_box(around, margin_px=1)
+        past = temporal.clip_to_center(past, box)
         lumas = color.to_ycocg(current)[0], color.to_ycocg(past)[0]
         weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
         kept = current + weight[None] * (past - current)

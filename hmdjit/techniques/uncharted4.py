@@ -74,10 +74,11 @@ class Uncharted4(AbstractTemporal):
     def step(self, state: Kept, frame: Frame, motion: Motion) -> tuple[Kept, Rgb]:
         """Blend in the past of the nearest surface around, clamped to the block."""
         at = temporal.dilated(frame, motion)
-        current = temporal.unjittered(frame.color[0], frame.jitter_px)
+        around = temporal.unjittered(frame.color[0], frame.jitter_px, margin_px=1)
+        current = around[:, 1:-1, 1:-1]
         colors, marks = state
         past = temporal.past(colors, at, current)
-        _, block = neighborhood.plus_and_block(current)
+        _, block = neighborhood.plus_and_block(around, margin_px=1)
         past = jnp.clip(past, block.low, block.high)
         now = _marks(frame)
         is_same = same_surface.nearest(marks, at) == now
