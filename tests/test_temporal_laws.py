@@ -9,6 +9,7 @@ import numpy as np
 import oracle_temporal as oracle
 import pytest
 import temporal_clips as clips
+from small import quickly
 from test_temporal_oracles import CAMERA, clip_of, name_of, shown
 
 import hmdjit as hj
@@ -162,14 +163,14 @@ def frames_of(technique, clip):
 
 @functools.cache
 def stepping(technique):
-    return jax.jit(technique.step)
+    return quickly(technique.step)
 
 
 @of_readers
 def test_a_run_is_its_steps_and_a_lost_pixel_of_the_past_is_not_seen(technique):
     clip = clip_of(name_of(technique))
     frames = list(frames_of(technique, clip))
-    state = jax.jit(technique.init)(frames[0][0])
+    state = quickly(technique.init)(frames[0][0])
     alone = []
     for frame, motion in frames:
         before = jax.tree.map(np.asarray, state)
@@ -202,7 +203,7 @@ def slopes_of(technique):
         found = jax.tree.leaves(technique.step(state, frame, motion))
         return sum(jnp.mean(x**2) for x in found if jnp.issubdtype(x.dtype, float))
 
-    @jax.jit
+    @quickly
     def slopes(*given):
         return jax.grad(loss)(*eqx.partition(given, eqx.is_inexact_array))
 
@@ -218,7 +219,7 @@ def test_slopes_are_finite_at_rest_too(technique):
     flat = still._replace(color=grey, albedo=grey, depth=np.full_like(grey[..., 0], 5))
     for clip in (moving, still, flat):
         (first, _), second, *_ = frames_of(technique, clip)
-        found = slopes(jax.jit(technique.init)(first), *second)
+        found = slopes(quickly(technique.init)(first), *second)
         for path, slope in jax.tree_util.tree_leaves_with_path(found):
             assert np.isfinite(slope).all(), jax.tree_util.keystr(path)
         assert np.abs(found[1].color).max() > 0
@@ -230,5 +231,5 @@ def test_techniques_batch(technique):
     given = clip.channels()
     run = lambda color: hj.apply(technique, CAMERA, color, clip.poses, **given)
     color = jnp.asarray(clip.color)
-    both = jax.jit(jax.vmap(run))(jnp.stack([1 - color, color]))
+    both = quickly(jax.vmap(run))(jnp.stack([1 - color, color]))
     np.testing.assert_allclose(both[1], run(color), atol=1e-12)

@@ -108,7 +108,7 @@ def test_techniques_agree_with_their_oracles(technique, expected):
 
 
 @slow
-@of_all
+@pytest.mark.parametrize(("technique", "expected"), DEFAULTS)
 def test_single_precision_is_as_good(technique, expected):
     clip = clip_of(name_of(technique))
     ours = shown(technique, clip, np.float32)
