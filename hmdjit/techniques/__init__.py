@@ -24,3 +24,4 @@ from .spatial import MSAA as MSAA
 from .spatial import SSAA as SSAA
 from .spatial import AccumulationBuffer as AccumulationBuffer
 from .spatial import NoAntialiasing as NoAntialiasing
+from .tidoaa import TIDOAA as TIDOAA

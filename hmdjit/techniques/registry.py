@@ -17,6 +17,9 @@ from .fxaa import FXAA
 from .head_movement import HeadMovement
 from .morphological import EDGES, MLAA, SMAA
 from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
+from .tidoaa import TIDOAA
+
+BOTH = (False, True)
 
 IDS = (
     "none",
@@ -30,6 +33,7 @@ IDS = (
     "mlaa",
     *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
+    *("tidoaa", "tidoaa_subcell", "tidoaa_no_jitter"),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
 `head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file. All that mix
@@ -47,6 +51,7 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+        *(TIDOAA(*choices) for choices in product(BOTH, SPACES, BOTH)),
     )
 }
 
