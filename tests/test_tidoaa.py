@@ -8,7 +8,6 @@ import pytest
 import hmdjit as hj
 from hmdjit import rendering
 from hmdjit.camera import Camera, Region
-from hmdjit.filters import scattering
 from hmdjit.frames.motion import Motion
 from hmdjit.techniques import MSAA, TIDOAA, by_id
 from hmdjit.techniques.base import mean_of_samples

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .. import color, sample_patterns
+from .. import _checks, color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -36,6 +36,7 @@ from .small_motion import SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
+OFF_SCREEN = ("clamp", "reject")
 _UNROLLED = 16  # samples that are added without a loop
 
 
@@ -149,6 +150,9 @@ class AbstractTemporal(AbstractTechnique):
     """
 
     jitter: eqx.AbstractVar[bool]
+
+    def __check_init__(self):
+        _checks.boolean("jitter", self.jitter)
 
     @property
     @abc.abstractmethod

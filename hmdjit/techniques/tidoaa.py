@@ -36,9 +36,8 @@ class TIDOAA(AbstractTemporal):
     jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
-        _checks.one_of("subcell", self.subcell, (False, True))
+        _checks.boolean("subcell", self.subcell)
         _checks.one_of("space", self.space, SPACES)
-        _checks.one_of("jitter", self.jitter, (False, True))
 
     @property
     def id(self) -> str:
