@@ -36,10 +36,11 @@ def of(quick, slow):
 
 
 INSIDE = Inside(ycocg=True, motion_blur=True)
-MANY = [TwoFrame(), Uncharted4(), ThesisBaseline(), INSIDE]
+MANY = [Uncharted4(), ThesisBaseline(), INSIDE]
 of_all = of(ALL, [])
-of_readers = of([Karis(), SobelTAA()], [Amortized(), Amortized(subpixel=True), *MANY])
-of_some = of([Karis()], [Amortized(), *MANY, SobelTAA(), TIDOAA()])
+SUBPIXEL = Amortized(subpixel=True)
+of_readers = of([Karis(), SobelTAA()], [TwoFrame(), Amortized(), SUBPIXEL, *MANY])
+of_some = of([TwoFrame()], [Karis(), Amortized(), *MANY, SobelTAA(), TIDOAA()])
 
 
 def pattern(technique):
