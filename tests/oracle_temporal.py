@@ -533,7 +533,7 @@ def reprojected(store, onto, subcell):
     return moved
 
 
-def tidoaa(clip, subcell=False):
+def tidoaa(clip, subcell=False, jitters=True):
     store, displayed = {}, []
     height, width = X_PX.shape
     for k in range(len(clip.color)):
@@ -545,11 +545,12 @@ def tidoaa(clip, subcell=False):
             ]
             store = reprojected(store, onto, subcell)
         s, shown = clip.jitter_px[k], np.zeros((height, width, 3))
+        right, lower = (s[0] > 0, s[1] > 0) if jitters else CELLS[k % 4]
         for j in range(height):
             for i in range(width):
                 kind = clip.motion_class[k, j, i]
                 thing = 0 if kind == STATIC else clip.object_id[k, j, i]
-                store[2 * j + (s[1] > 0), 2 * i + (s[0] > 0)] = Cell(
+                store[2 * j + lower, 2 * i + right] = Cell(
                     (i + 0.5 + s[0], j + 0.5 + s[1]),
                     clip.color[k, j, i],
                     1.0,
