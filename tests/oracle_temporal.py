@@ -396,6 +396,8 @@ class SobelStages(NamedTuple):
     sobel: np.ndarray
     temporal_sobel: np.ndarray
     model_average: np.ndarray
+    depth_variation: np.ndarray
+    past_depth_variation: np.ndarray
     aliased: np.ndarray
 
 
@@ -465,7 +467,7 @@ def sobel_taa(clip, depth_range="paper", depth_history="same_pixel", clamps=True
         result = colors[4] if k == 0 else result
         kept = result, edge, depths[4]
         shown = sharpened(result, 0.25)
-        stages.append((shown, sobel, edge, model, aliased))
+        stages.append((shown, sobel, edge, model, now, then, aliased))
     return SobelStages(*map(np.stack, zip(*stages, strict=True)))
 
 

@@ -10,10 +10,9 @@ import oracle_temporal as oracle
 import pytest
 import temporal_clips as clips
 from small import quickly
-from test_temporal_oracles import CAMERA, clip_of, name_of, shown
+from test_temporal_oracles import CAMERA, clip_of, frames_of, name_of, shown
 
 import hmdjit as hj
-from hmdjit.frames.motion import Motion
 from hmdjit.techniques import (
     TIDOAA,
     Amortized,
@@ -39,7 +38,7 @@ INSIDE = Inside(ycocg=True, motion_blur=True)
 MANY = [Uncharted4(), ThesisBaseline(), INSIDE]
 of_all = of(ALL, [])
 SUBPIXEL = Amortized(subpixel=True)
-of_readers = of([Karis(), SobelTAA()], [TwoFrame(), Amortized(), SUBPIXEL, *MANY])
+of_readers = of([Karis()], [TwoFrame(), Amortized(), SUBPIXEL, *MANY, SobelTAA()])
 of_some = of([TwoFrame()], [Karis(), Amortized(), *MANY, SobelTAA(), TIDOAA()])
 
 
@@ -139,27 +138,6 @@ def test_sub_pixels_at_rest_are_four_samples_of_each_pixel():
 
 
 # --- states ---
-
-
-def frames_of(technique, clip):
-    """The clip's frames as a technique sees them, and how the head moved."""
-    planes = lambda channel: jnp.moveaxis(jnp.asarray(channel), -1, 1)[:, None]
-    whole = lambda channel: jnp.asarray(channel, jnp.int32)[:, None, None]
-    channels = {
-        "depth": jnp.asarray(clip.depth)[:, None, None],
-        "object_id": whole(clip.object_id),
-        "motion_class": whole(clip.motion_class),
-        "albedo": planes(clip.albedo),
-        "velocity": planes(clip.velocity_px),
-    }
-    motion = Motion.of(jnp.asarray(clip.poses))
-    region, color = hj.Region.whole(CAMERA), planes(clip.color)
-    for k in range(clips.FRAMES):
-        row = lambda leaf, k=k: leaf[k]
-        needed = {n: c[k] for n, c in channels.items() if n in technique.needs}
-        jitter_px = jnp.asarray(clip.jitter_px[k])
-        frame = hj.Frame(color[k], CAMERA, region, channels=needed, jitter_px=jitter_px)
-        yield frame, jax.tree.map(row, motion)
 
 
 @functools.cache

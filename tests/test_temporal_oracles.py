@@ -1,11 +1,15 @@
 import functools
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import oracle_temporal as oracle
 import pytest
 import temporal_clips as clips
+from small import quickly
 
 import hmdjit as hj
+from hmdjit.frames.motion import Motion
 from hmdjit.techniques import (
     TIDOAA,
     Amortized,
@@ -42,6 +46,7 @@ OTHERS = [
     (Inside(ycocg=True, off_screen="reject"), of(oracle.inside, **YCOCG_REJECT)),
     (Inside(motion_blur=True), of(oracle.inside, motion_blur=True)),
     (ThesisBaseline(off_screen="reject"), of(oracle.thesis_baseline, clamps=False)),
+    (SobelTAA(off_screen="reject"), sobel(clamps=False)),
     (SobelTAA(depth_range="code"), sobel("code")),
     (SobelTAA(depth_history="reprojected"), sobel("paper", "reprojected")),
     (
@@ -73,6 +78,27 @@ def shown(technique, clip, dtype: type = float):
     given = clip.channels() | {"depth": others[0], "velocity_px": velocity}
     given |= {"albedo": albedo}
     return np.asarray(hj.apply(technique, CAMERA, color, clip.poses, **given))
+
+
+def frames_of(technique, clip):
+    """The clip's frames as a technique sees them, and how the head moved."""
+    planes = lambda channel: jnp.moveaxis(jnp.asarray(channel), -1, 1)[:, None]
+    whole = lambda channel: jnp.asarray(channel, jnp.int32)[:, None, None]
+    channels = {
+        "depth": jnp.asarray(clip.depth)[:, None, None],
+        "object_id": whole(clip.object_id),
+        "motion_class": whole(clip.motion_class),
+        "albedo": planes(clip.albedo),
+        "velocity": planes(clip.velocity_px),
+    }
+    motion = Motion.of(jnp.asarray(clip.poses))
+    region, color = hj.Region.whole(CAMERA), planes(clip.color)
+    for k in range(clips.FRAMES):
+        row = lambda leaf, k=k: leaf[k]
+        needed = {n: c[k] for n, c in channels.items() if n in technique.needs}
+        jitter_px = jnp.asarray(clip.jitter_px[k])
+        frame = hj.Frame(color[k], CAMERA, region, channels=needed, jitter_px=jitter_px)
+        yield frame, jax.tree.map(row, motion)
 
 
 # --- the world that they are held on ---
@@ -127,5 +153,25 @@ def test_cameras_jitter_as_published(technique):
     assert not still.sample_offsets_px.any()
 
 
-def test_sobel_shows_its_stages():
-    pytest.skip("to be written against the technique's own names")
+@slow
+@pytest.mark.parametrize(
+    ("depth_range", "depth_history"), [("paper", "same_pixel"), ("code", "reprojected")]
+)
+def test_sobel_shows_its_stages(depth_range, depth_history):
+    technique = SobelTAA(depth_range=depth_range, depth_history=depth_history)
+    clip = clip_of("sobel_taa")
+    expected = oracle.sobel_taa(clip, depth_range, depth_history)
+    step = lambda *now: (technique.intermediates(*now), technique.step(*now))
+    both, state = quickly(step), None
+    for k, (frame, motion) in enumerate(frames_of(technique, clip)):
+        state = quickly(technique.init)(frame) if state is None else state
+        found, (state, _) = both(state, frame, motion)
+        for ours, theirs in (
+            (found.sobel, expected.sobel),
+            (found.temporal_sobel, expected.temporal_sobel),
+            (found.model_average, expected.model_average),
+            (found.depth_variation, expected.depth_variation),
+            (found.past_depth_variation, expected.past_depth_variation),
+            (found.aliased, expected.aliased),
+        ):
+            np.testing.assert_allclose(ours, theirs[k], rtol=1e-9, atol=1e-9)
