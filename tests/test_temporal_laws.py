@@ -99,7 +99,9 @@ def test_a_ramp_that_is_not_unjittered_is_nearly_so(technique, first, off_px):
     assert off <= off_px * steepest + 1e-12
 
 
-@pytest.mark.parametrize("depth_range", ["paper", "code"])
+@pytest.mark.parametrize(
+    "depth_range", ["paper", pytest.param("code", marks=pytest.mark.slow)]
+)
 def test_sobel_shows_the_current_frame_where_nothing_is_aliased(depth_range):
     rng = np.random.default_rng(1)
     colors = rng.uniform(size=(clips.FRAMES, 3))
