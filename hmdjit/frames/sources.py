@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from .._types import Plane, Planes, Rgb, WholeNumber
+from .._types import Plane, Planes, Rgb, Scalar, WholeNumber
 from ..camera import Camera, Region
 from . import resampling
 from .displacement import GATHER, AnyDisplacement, Reading
@@ -195,6 +195,10 @@ class AbstractSource(eqx.Module):
     def steps(self, view: View) -> Steps | None:
         """Increment and translation of the head against each object (see `Frame`)."""
         return None
+
+    def nearest_m(self, view: View) -> Scalar:
+        """Smallest depth that a region can show, m; inf where all is that far away."""
+        return jnp.inf
 
 
 def read(

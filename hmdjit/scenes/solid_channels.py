@@ -60,14 +60,29 @@ def velocity_bounds(world: World, view: View) -> Float[Array, "2 2"] | None:
     if world.steps is None:
         return None
     increments, translations = (jnp.atleast_2d(step) for step in world.steps)
-    camera, region, count = view.camera, view.region, len(increments)
+    region = view.region
     # A sample may lie beside its pixel.
     wider = Region(region.x0 - 1, region.y0 - 1, region.width + 2, region.height + 2)
-    dtype = increments.dtype
+    near = nearness(world, view, len(increments))
+    shift = jnp.linalg.norm(translations, axis=1) * jnp.maximum(near, 0.0)
+    span = jax.vmap(lambda *step: displacement_range(view.camera, wider, *step))
+    low, high = jnp.moveaxis(span(increments, shift), 1, 0)
+    is_seen = (near >= 0)[:, None]
+    low = jnp.min(jnp.where(is_seen, low, jnp.inf), axis=0)
+    return jnp.stack([low, jnp.max(jnp.where(is_seen, high, -jnp.inf), axis=0)])
+
+
+def nearness(world: World, view: View, count: int = 1) -> Float[Array, " objects"]:
+    """Largest 1 / depth of each object, or of all as one; -1 of what is not seen.
+
+    Never too small: as near as any sphere around its primitives. The first is the
+    background, 0, which all objects are counted to if `count` is 1.
+    """
+    camera, dtype = view.camera, view.motion.offset.dtype
     half = max(camera.width_px, camera.height_px) / 2 + 1
     half = half / jnp.asarray(camera.focal_px, dtype)
     longest = jnp.sqrt(1 + 2 * half**2)  # of the frame's rays
-    nearness = jnp.full(count, -1.0, dtype).at[0].set(0.0)  # unseen; the sky
+    near = jnp.full(count, -1.0, dtype).at[0].set(0.0)  # unseen; the sky
     for table in world.tables:
         rows = table.rows
         centre, radius = rows.bounds()
@@ -79,13 +94,8 @@ def velocity_bounds(world: World, view: View) -> Float[Array, "2 2"] | None:
         depth = 0.9999 * jnp.maximum(depth, NEAR_M)  # rounding
         is_ahead = radius - centre[:, 2] >= NEAR_M
         owner = table.object if count > 1 else jnp.zeros_like(table.object)
-        nearness = nearness.at[owner].max(jnp.where(is_ahead, 1 / depth, -1.0))
-    shift = jnp.linalg.norm(translations, axis=1) * jnp.maximum(nearness, 0.0)
-    span = jax.vmap(lambda *step: displacement_range(camera, wider, *step))
-    low, high = jnp.moveaxis(span(increments, shift), 1, 0)
-    is_seen = (nearness >= 0)[:, None]
-    low = jnp.min(jnp.where(is_seen, low, jnp.inf), axis=0)
-    return jnp.stack([low, jnp.max(jnp.where(is_seen, high, -jnp.inf), axis=0)])
+        near = near.at[owner].max(jnp.where(is_ahead, 1 / depth, -1.0))
+    return near
 
 
 def _block(

@@ -166,6 +166,10 @@ class Solids(AbstractScene, AbstractSource):
         """Return how objects moved, if any does."""
         return self.world(view, has_steps=True).steps if self.moves else None
 
+    def nearest_m(self, view: View) -> Scalar:
+        """Smallest depth that a region can show, m; never too large."""
+        return 1 / jnp.max(solid_channels.nearness(self.world(view), view))
+
     def world(self, view: View, *, has_steps: bool = False) -> World:
         """Return the scene at a frame, in the head's axes.
 

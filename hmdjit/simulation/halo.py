@@ -100,7 +100,9 @@ def needed_halo_px(
     **Errors:** `ValueError` for a technique that reads its history inside of another
     traced function.
     """
-    if "velocity" not in technique.needs:  # how fast things move does not matter then
+    if technique.needs.isdisjoint(
+        {"velocity", "depth"}
+    ):  # what is seen does not matter
         source = None
     count, frame = origins.shape[0], (camera.width_px, camera.height_px)
     if block == frame:
@@ -185,10 +187,11 @@ def _spans(
         top = jnp.clip(y0, 0, camera.height_px - height)
         region = Region(left, top, width, height)
         # Of the step only where it reads is used: no picture is computed.
-        bounds = None
+        bounds, nearest_m = None, jnp.inf
         if source is not None:
-            bounds = source.velocity_bounds(View(camera, region, now, k))
-        frame = blank_frame(technique, camera, region, dtype, bounds)
+            view = View(camera, region, now, k)
+            bounds, nearest_m = source.velocity_bounds(view), source.nearest_m(view)
+        frame = blank_frame(technique, camera, region, dtype, bounds, nearest_m)
         state = technique.init(frame)
         with recorded_reads() as reads:
             technique.step(state, frame, now)

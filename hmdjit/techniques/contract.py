@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, DTypeLike
 
 from .. import _checks
+from .._types import Scalar
 from ..camera import Camera, Region
 from ..frames.frame import CHANNELS, Frame
 from ..frames.motion import Motion
@@ -21,11 +22,13 @@ def blank_frame(
     region: Region,
     dtype: DTypeLike,
     velocity_bounds: Array | None = None,
+    nearest_m: Scalar = np.inf,
 ) -> Frame:
     """Return a black frame with all that a technique asks for.
 
     **Arguments:** `velocity_bounds`: how far things move in it, px, `(2, 2)`; None
-    where that is the head's rotation alone, of which no channel tells.
+    where that is the head's rotation alone, of which no channel tells; `nearest_m`: how
+    far away all of it is, m.
     """
     table = technique.sample_offsets_px
     samples = table.shape[1]
@@ -33,7 +36,8 @@ def blank_frame(
 
     def blank(name: str) -> Array:
         planes, own = CHANNELS[name]
-        return jnp.zeros((samples, planes, region.height, region.width), own or dtype)
+        size = (samples, planes, region.height, region.width)
+        return jnp.full(size, nearest_m if name == "depth" else 0, own or dtype)
 
     without = {"color"} | ({"velocity"} if velocity_bounds is None else set())
     return Frame(

@@ -24,7 +24,8 @@ FAMILIES: dict[str, type[curves.AbstractCurve]] = {
 
 _FAMILIES = {curves.AbstractCurve: FAMILIES}
 _TABLE = "head_movement"
-_OF_THE_ID = ("label", "resolve", "factor", "samples")
+_CHOICES = ("reprojects", "dynamic")
+_OF_THE_ID = ("label", "resolve", "factor", "samples", *_CHOICES)
 
 
 def read(path: str | os.PathLike[str]) -> HeadMovement:
@@ -57,7 +58,8 @@ def write(
     **Arguments:** `about`: further tables by name, such as where the numbers are from.
 
     **Errors:** `ValueError` for a technique that resolves samples (a study adds that to
-    the id, as `+ssaa2`), for a curve of no known family, and for a table's wrong name.
+    the id, as `+ssaa2`), or whose id has another choice of its own (`_rigid`), for a
+    curve of no known family, and for a table's wrong name.
     """
     if technique.resolve is not None:
         raise ValueError(f"resolve must be None in a file, got {technique.resolve.id}.")
@@ -66,6 +68,10 @@ def write(
         f"{_TABLE}.{name}": held.pop(name) for name in ("ease", "localization")
     }
     held.pop("label")
+    for name in _CHOICES:
+        usual = getattr(HeadMovement(), name)
+        if (found := held.pop(name)) != usual:
+            raise ValueError(f"{name} must be {usual} in a file, got {found}.")
     if _TABLE in (about or {}):
         raise ValueError(f"about must name other tables than {_TABLE}.")
     others = {_toml.key(name): table for name, table in (about or {}).items()}

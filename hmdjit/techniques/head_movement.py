@@ -1,5 +1,6 @@
 """Head-movement based temporal anti-aliasing (Kim et al.)."""
 
+import dataclasses
 import functools
 import math
 import operator
@@ -13,14 +14,17 @@ from jaxtyping import Array, Bool, Float
 from .. import _checks, blending, color, quaternion, reprojection
 from .._types import Mask, Rgb, Scalar
 from ..curves import AbstractCurve, Kim, Linear
-from ..frames.displacement import Displacement
-from ..frames.frame import Frame
+from ..filters import dynamic_regions
+from ..frames.displacement import AnyDisplacement
+from ..frames.frame import MOTION_CLASSES, Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
 from .base import SPACES, AbstractSpatial, AbstractTechnique
 from .small_motion import RecursiveBlend
 
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")
+REPROJECTIONS = ("rotation", "rigid")
+DYNAMIC = ("none", "classes", "frames")
 
 
 def _optional_numbers(values) -> tuple | None:
@@ -28,7 +32,7 @@ def _optional_numbers(values) -> tuple | None:
 
 
 class HeadMovement(AbstractTechnique):
-    """Blend each frame with the displayed past, found from the head's rotation alone.
+    """Blend each frame with the displayed past, found from the head's movement alone.
 
     - `w_min`: weight of the current picture at rest; in `[0, 1]`.
     - `w_lb`: that weight where past and present differ most; in `[0, w_min]`.
@@ -42,9 +46,14 @@ class HeadMovement(AbstractTechnique):
     - `ease`: the curve by which head speed, over `h_max_deg_s`, counts.
     - `localization`: the curve by which the difference of past and present counts.
     - `label`: part of the id, to tell several in one study apart; decides nothing.
+    - `reprojects`: how the past is found: by the head's `"rotation"` alone, or by the
+      `"rigid"` transform between its poses, with depth.
+    - `dynamic`: where the current picture is shown because things move by themselves,
+      beside where `Frame.static_mask` is False: `"none"`; `"classes"`, where the
+      channel `motion_class` is not static; `"frames"`, where the frames say so.
 
     **Source:** Kim et al., equations (1) to (5), with the paper's constants and curves
-    as defaults. Where `Frame.static_mask` is False the current picture is shown.
+    as defaults; sections 4.1 (rigid) and 4.4 (classes). That frames say so is ours.
     """
 
     w_min: Scalar = eqx.field(converter=_checks.number, default=0.3)
@@ -62,6 +71,8 @@ class HeadMovement(AbstractTechnique):
     ease: AbstractCurve = eqx.field(default_factory=Kim)
     localization: AbstractCurve = eqx.field(default_factory=Linear)
     label: str = eqx.field(static=True, default="")
+    reprojects: str = eqx.field(static=True, default="rotation")
+    dynamic: str = eqx.field(static=True, default="none")
 
     def __check_init__(self):
         _checks.in_range("w_min", self.w_min, 0, 1)
@@ -93,12 +104,17 @@ class HeadMovement(AbstractTechnique):
             )
         _checks.one_of("difference", self.difference, DIFFERENCES)
         _checks.one_of("space", self.space, SPACES)
+        _checks.one_of("reprojects", self.reprojects, REPROJECTIONS)
+        _checks.one_of("dynamic", self.dynamic, DYNAMIC)
 
     @property
     def id(self) -> str:
-        """`head_movement:label+ssaa2`, with its label and what it resolves, if any."""
+        """`head_movement_rigid_frames:label+ssaa2`, with all that is no default."""
+        usual = ("rotation", "none")
+        words = [w for w in (self.reprojects, self.dynamic) if w not in usual]
         label = f":{self.label}" if self.label else ""
-        return f"head_movement{label}" + (f"+{self.resolve.id}" if self.resolve else "")
+        resolve = f"+{self.resolve.id}" if self.resolve else ""
+        return "_".join(["head_movement", *words]) + label + resolve
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -132,18 +148,23 @@ class HeadMovement(AbstractTechnique):
 
     @property
     def needs(self) -> frozenset[str]:
-        """Channels that `resolve` needs, or colour."""
-        return super().needs if self.resolve is None else self.resolve.needs
+        """Channels that `resolve` needs, or colour; depth, and classes."""
+        own = super().needs if self.resolve is None else self.resolve.needs
+        depth = {"depth"} if self.reprojects == "rigid" else set()
+        return own | depth | ({"motion_class"} if self.dynamic == "classes" else set())
 
     @property
     def stencil_radius_px(self) -> int | None:
-        """Radius of `resolve`."""
-        return 0 if self.resolve is None else self.resolve.stencil_radius_px
+        """Radius of `resolve`, and of what the frames say."""
+        own = 0 if self.resolve is None else self.resolve.stencil_radius_px
+        if own is None or self.dynamic != "frames":
+            return own
+        return own + dynamic_regions.REACH_PX
 
     @property
     def history_radius_px(self) -> int:
-        """The past is read where it was shown."""
-        return 0
+        """The past is read where it was shown; what frames say has a reach."""
+        return dynamic_regions.PAST_REACH_PX if self.dynamic == "frames" else 0
 
     def _current(self, frame: Frame) -> Rgb:
         gamma = self.resolve.resolve(frame) if self.resolve else frame.color[0]
@@ -159,8 +180,9 @@ class HeadMovement(AbstractTechnique):
         speed_rad = quaternion.angle(motion.increment) * frame.camera.refresh_hz
         easing = blending.ease(speed_rad * (180 / np.pi), self.h_max_deg_s, self.ease)
 
+        moved_m = motion.translation_m if self.reprojects == "rigid" else None
         past = [
-            reprojection.past_position(frame, motion.increment, d)
+            reprojection.past_position(frame, motion.increment, d, moved_m)
             for d in self.closeness
         ]
         weights = self._normalized_weights()
@@ -171,6 +193,10 @@ class HeadMovement(AbstractTechnique):
             for position in past
         ]
         history = blending.past_color(samples, weights)
+        if self.dynamic == "frames":
+            is_moving = dynamic_regions.unexplained(current, history)
+            is_blended = is_blended & ~is_moving
+            history = blending.usable(history, current, is_blended)
 
         if self.difference == "same_pixel":
             same_pixel = blending.usable(state.under(frame.region), current, is_blended)
@@ -202,27 +228,25 @@ class HeadMovement(AbstractTechnique):
             found = found & (sum(self.weights) > 0)
         return found if self.resolve is None else found & self.resolve.is_valid
 
-    def has_past(self, frame: Frame, past: Sequence[Displacement]) -> Mask:
+    def has_past(self, frame: Frame, past: Sequence[AnyDisplacement]) -> Mask:
         """Where all past samples are usable: static, and inside the frame before."""
-        is_inside = functools.reduce(operator.and_, (p.inside() for p in past))
-        return is_inside if frame.static_mask is None else is_inside & frame.static_mask
+        found = functools.reduce(operator.and_, (p.inside() for p in past))
+        if self.dynamic == "classes":
+            found = found & (frame.motion_class == MOTION_CLASSES.index("static"))
+        return found if frame.static_mask is None else found & frame.static_mask
 
     def on_pictures(self) -> "HeadMovement":
-        """On pictures, resolving MSAA is resolving one sample."""
-        if self.resolve is None:
-            return self
-        spatial = self.resolve.on_pictures()
-        return eqx.tree_at(
-            lambda t: t.resolve,
-            self,
-            None if spatial.id == "none" else spatial,
-            is_leaf=lambda node: node is self.resolve,
-        )
+        """On pictures nothing is near or moves, and MSAA resolves one sample."""
+        spatial = None if self.resolve is None else self.resolve.on_pictures()
+        spatial = None if spatial is None or spatial.id == "none" else spatial
+        dynamic = "frames" if self.dynamic == "frames" else "none"
+        alike = {"resolve": spatial, "reprojects": "rotation", "dynamic": dynamic}
+        return dataclasses.replace(self, **alike)
 
     def history_gain(
         self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
     ) -> Float[np.ndarray, "*sessions frames"]:
-        """How much of an error in the history remains.
+        """How much of an error in the history remains; all, if frames say what moves.
 
         An error e in the history changes `(1 - A) H` by `(1 - A) e`, at most
         `(1 - w_lb) (1 - E) e`; and A itself through equation (5) by at most
@@ -233,6 +257,8 @@ class HeadMovement(AbstractTechnique):
         easing = np.asarray(
             blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s, self.ease)
         )
+        if self.dynamic == "frames":  # it may decide whether a pixel is blended
+            return np.where(easing < 1, 1.0, 0.0)
         w_min, w_lb = float(self.w_min), float(self.w_lb)
         steepest = self.localization.steepest
         return (1 - w_min + (1 + steepest) * (w_min - w_lb)) * (1 - easing)
@@ -248,6 +274,8 @@ class HeadMovement(AbstractTechnique):
         why = "" if is_tabled else "only RGB distances of gamma colours are tabled"
         if self.resolve is not None and self.resolve.stencil_radius_px != 0:
             why = f"{self.resolve.id} changes the picture before it is blended"
+        if self.dynamic == "frames":
+            why = "what frames take for dynamic is not blended"
         closeness = self._mean_closeness()
         return RecursiveBlend(
             closeness,

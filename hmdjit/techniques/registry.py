@@ -16,7 +16,7 @@ from .base import OFF_SCREEN, SPACES, AbstractSpatial, AbstractTechnique
 from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
 from .freeze import Freeze
 from .fxaa import FXAA
-from .head_movement import HeadMovement
+from .head_movement import DYNAMIC, HeadMovement
 from .inside import Inside
 from .karis import Karis
 from .morphological import EDGES, MLAA, SMAA
@@ -48,9 +48,11 @@ IDS = (
         "tidoaa_subcell",
         "sobel_taa",
     ),
+    *(f"head_movement_{choice}" for choice in ("rigid", *DYNAMIC[1:])),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
-`head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file. All that mix
+`head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file, as
+`head_movement_rigid_frames:curve.toml+ssaa2` says more choices. All that mix
 colours take `_gamma` or `_linear`, `fxaa` its presets' numbers. Behind any stands a
 stage of display, `none+sharpen`."""
 
@@ -75,6 +77,8 @@ _NAMED: dict[str, AbstractTechnique] = {
     )
 }
 
+_HEAD_MOVEMENT = rf"head_movement(_rigid)?(?:_({'|'.join(DYNAMIC[1:])}))?"
+
 _STAGES: dict[str, AbstractStage] = {
     stage.id: stage for stage in (Sharpening(), Sharpening("xu"), MotionBlur())
 }
@@ -97,11 +101,16 @@ def by_id(id: str) -> AbstractTechnique:
     # A path may have a plus of its own, before a slash or a dot.
     found = re.fullmatch(r"([^:+]*)(?::(.+?))?(?:\+(\w*))?", id)
     name, path, resolve = found.groups() if found else (id, None, None)
-    if name == "head_movement":
+    if match := re.fullmatch(_HEAD_MOVEMENT, name):
         spatial = None if resolve is None else by_id(resolve)
         if isinstance(spatial, AbstractSpatial | None):
             plain = HeadMovement() if path is None else curve_file.read(path)
-            return dataclasses.replace(plain, resolve=spatial)
+            return dataclasses.replace(
+                plain,
+                resolve=spatial,
+                reprojects="rigid" if match[1] else "rotation",
+                dynamic=match[2] or "none",
+            )
     elif path is None and resolve is None:
         if name in _NAMED:
             return _NAMED[name]
