@@ -10,6 +10,7 @@ import hmdjit as hj
 from hmdjit import techniques
 from hmdjit.filters import dynamic_regions
 from hmdjit.frames.frame import Frame
+from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import History
 from hmdjit.techniques import SSAA, HeadMovement, curve_file
 from hmdjit.techniques.stencil import found_stencil_px
@@ -151,7 +152,7 @@ def test_gradients_are_finite(rng):
     @jax.grad
     def gradient(planes):
         current, past = planes
-        camera, motion = small.CAMERA, hj.frames.motion.Motion(still, still)
+        camera, motion = small.CAMERA, Motion(still, still)
         frame = Frame(current[None], camera, hj.Region.whole(camera))
         _, displayed = FROM_FRAMES.step(History.of(past), frame, motion)
         return jnp.sum(displayed**2)
@@ -173,6 +174,7 @@ def test_choices_are_said_in_ids(tmp_path):
     id = f"head_movement_rigid_frames:{tmp_path}/mine.toml+ssaa2"
     found = techniques.by_id(id)
     assert found.id == "head_movement_rigid_frames:mine+ssaa2"
+    assert isinstance(found, HeadMovement)
     assert found.w_min == 0.4
     message = "^dynamic must be none in a file, got frames.$"
     with pytest.raises(ValueError, match=message):

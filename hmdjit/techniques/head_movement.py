@@ -237,6 +237,8 @@ class HeadMovement(AbstractTechnique):
 
     def on_pictures(self) -> "HeadMovement":
         """On pictures nothing is near or moves, and MSAA resolves one sample."""
+        if self.needs == {"color"} and self.resolve is None:
+            return self
         spatial = None if self.resolve is None else self.resolve.on_pictures()
         spatial = None if spatial is None or spatial.id == "none" else spatial
         dynamic = "frames" if self.dynamic == "frames" else "none"
