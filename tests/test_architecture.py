@@ -115,7 +115,7 @@ FOLDERS = {
         ("study",),
     ],
     "trade_off": [
-        ("settings",),
+        ("settings", "cost"),
         ("bench", "knobs"),
         ("trade_off",),
         ("measurement", "choice"),
