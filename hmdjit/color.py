@@ -60,6 +60,19 @@ def luma(rgb: Float[Array, "rgb=3 *size"]) -> Float[Array, " *size"]:
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 
 
+def to_ycocg(rgb: Rgb) -> Rgb:
+    """Luma and two chromas of RGB: `Y = R/4 + G/2 + B/4`, Co and Cg about 0."""
+    red, green, blue = rgb
+    mean = (red + blue) / 4
+    return jnp.stack([mean + green / 2, (red - blue) / 2, green / 2 - mean])
+
+
+def from_ycocg(ycocg: Rgb) -> Rgb:
+    """RGB of luma and chromas: the inverse of `to_ycocg`."""
+    y, co, cg = ycocg
+    return jnp.stack([y + co - cg, y + cg, y - co - cg])
+
+
 def squared_distance(one: Rgb, other: Rgb) -> Plane:
     """Squared Euclidean distance of each pixel's colours, `(height, width)`."""
     _checks.floating("colours", one)

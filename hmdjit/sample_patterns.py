@@ -93,3 +93,17 @@ def accumulation(samples: int) -> Pattern:
     **Source:** code of Oliveros' thesis, where the picture moves the other way.
     """
     return halton(samples, first=0, scrambled=True) - 0.5
+
+
+def jitter(
+    period: int, *, first: int = 1, scrambled: bool = False, spread_px: float = 1.0
+) -> Pattern:
+    """Return where a jittered camera samples, frame by frame, shape `(period, 2)`.
+
+    Halton points of bases (2, 3), mirrored at the pixel centre: published sequences say
+    where the picture goes, which is the other way.
+
+    **Arguments:** `first`: index of frame 0's; `spread_px`: side of the square that
+    they fill.
+    """
+    return spread_px * (0.5 - halton(period, first=first, scrambled=scrambled))

@@ -1,6 +1,7 @@
-"""Arithmetic on planes that reads neighbouring pixels: what spatial techniques share.
+"""Arithmetic on planes that reads neighbouring pixels: what techniques share.
 
 `neighborhood` has the few pixels around each, `edges` finds edges and walks along them,
 `line_coverage` says how much of a pixel lies beyond a line, `edge_spans` how far FXAA
-moves across, `downsampling` makes one pixel of several.
+moves across, `downsampling` makes one pixel of several, `temporal` reads the past and
+says what of it may be shown.
 """

@@ -3,7 +3,9 @@
 Beyond the planes' edge lies what is at the edge.
 """
 
+import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
@@ -14,6 +16,8 @@ FloatPlanes = Float[Array, "*planes height width"]
 
 Reader = Callable[[int, int], AnyPlanes]
 """Planes read `dx` px to the right and `dy` px down of each pixel."""
+
+_FARTHEST_PX = 2  # that `shifted` reads
 
 
 def around(planes: AnyPlanes, radius_px: int) -> Reader:
@@ -69,3 +73,60 @@ def sharpened(planes: FloatPlanes, strength: float) -> FloatPlanes:
     """
     above, below, left, right = neighbors(planes)
     return planes + strength * (4 * planes - ((above + below) + (left + right)))
+
+
+class Box(NamedTuple):
+    """Smallest and largest values around each pixel, plane by plane."""
+
+    low: FloatPlanes
+    high: FloatPlanes
+
+    def halfway(self, other: "Box") -> "Box":
+        """Return the box midway to another one."""
+        return Box((self.low + other.low) / 2, (self.high + other.high) / 2)
+
+
+def plus_and_block(planes: FloatPlanes) -> tuple[Box, Box]:
+    """Boxes of each pixel and its four neighbours, and of each 3 x 3 block."""
+    at = around(planes, 1)
+
+    def ends(extreme: Callable) -> tuple[FloatPlanes, FloatPlanes]:
+        of = lambda *values: functools.reduce(extreme, values)
+        left, middle, right = (
+            of(at(dx, -1), at(dx, 0), at(dx, 1)) for dx in (-1, 0, 1)
+        )
+        return of(middle, at(-1, 0), at(1, 0)), of(middle, left, right)
+
+    lows, highs = ends(jnp.minimum), ends(jnp.maximum)
+    return Box(lows[0], highs[0]), Box(lows[1], highs[1])
+
+
+def rounded_box(planes: FloatPlanes) -> Box:
+    """Box midway between those of a plus and of a 3 x 3 block."""
+    plus, block = plus_and_block(planes)
+    return plus.halfway(block)
+
+
+def plus_mean(planes: FloatPlanes) -> FloatPlanes:
+    """Mean of each pixel and its four neighbours."""
+    above, below, left, right = neighbors(planes)
+    return (planes + ((above + below) + (left + right))) / 5
+
+
+def shifted(planes: FloatPlanes, by_px: Float[Array, "2"]) -> FloatPlanes:
+    """Read all pixels the same way off, bilinearly.
+
+    **Arguments:** `by_px`: to the right and down, px, in `[-1.5, 1.5]`.
+    """
+    height, width = planes.shape[-2:]
+    whole = jnp.clip(jnp.floor(by_px), -_FARTHEST_PX, _FARTHEST_PX - 1)
+    u, v = by_px - whole
+    left, top = whole.astype(jnp.int32) + _FARTHEST_PX
+    room = padded(planes, _FARTHEST_PX, _FARTHEST_PX)
+    for axis, start, size in ((-1, left, width), (-2, top, height)):
+        room = lax.dynamic_slice_in_dim(room, start, size + 1, axis % room.ndim)
+    upper, lower = room[..., :-1, :], room[..., 1:, :]
+    rows = upper + v * (lower - upper)
+    return lax.optimization_barrier(
+        rows[..., :-1] + u * (rows[..., 1:] - rows[..., :-1])
+    )

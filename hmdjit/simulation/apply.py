@@ -1,6 +1,7 @@
 """Run a technique on frames that were rendered elsewhere: `apply`, `stream`."""
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 from .. import _checks
 from .._types import Clip, Poses, Rgb
 from ..camera import Camera
+from ..frames.displacement import AT_REST, GATHER, Reading
 from ..techniques.base import AbstractTechnique
 from ..techniques.contract import check_contract
 from .rendered import KEYWORDS, Rendered, Views, checked_channels
@@ -25,9 +27,16 @@ def _displayed(
         frame = rendered.frame(technique, camera, view)
         return technique.step(state, frame, view.motion)
 
-    first, view = jax.tree.map(lambda leaf: leaf[0], (clip, views))
+    steps = (clip, views)
+    first, view = jax.tree.map(lambda leaf: leaf[0], steps)
     state = technique.init(first.frame(technique, camera, view))
-    _, shown = jax.lax.scan(advance, state, (clip, views))
+    begun = []
+    if "velocity" in technique.needs:  # what moved before the first frame was not seen
+        frame = first.frame(technique, camera, view, AT_REST)
+        state, shown = technique.step(state, frame, view.motion)
+        begun, steps = [shown[None]], jax.tree.map(lambda leaf: leaf[1:], steps)
+    _, shown = jax.lax.scan(advance, state, steps)
+    shown = jnp.concatenate([*begun, shown])
     is_known = jnp.isfinite(views.motion.offset).all()
     is_valid = is_known & camera.is_valid & technique.is_valid
     return jnp.where(is_valid, shown, jnp.nan)
@@ -135,15 +144,16 @@ def _first(
     return technique.init(rendered.frame(technique, camera, view))
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="reading")
 def _next(
     technique: AbstractTechnique,
     camera: Camera,
     state: Any,
     rendered: Rendered,
     view: Views,
+    reading: Reading,
 ) -> tuple[Any, Rgb]:
-    frame = rendered.frame(technique, camera, view)
+    frame = rendered.frame(technique, camera, view, reading)
     return technique.step(state, frame, view.motion)
 
 
@@ -201,7 +211,9 @@ def stream(
         )
         view = views.at(k)
         state = _first(technique, camera, rendered, view) if k == 0 else state
-        state, shown = _next(technique, camera, state, rendered, view)
+        is_first = k == 0 and "velocity" in technique.needs
+        reading = AT_REST if is_first else GATHER
+        state, shown = _next(technique, camera, state, rendered, view, reading)
         if poses is None and not jnp.isfinite(shown).all():
             raise ValueError(f"{technique.id} needs poses, got none.")
         yield np.moveaxis(np.asarray(shown), 0, -1)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from .. import _checks
 from ..camera import Camera, Region
+from ..frames.displacement import GATHER, Reading
 from ..frames.frame import CHANNELS, MOTION_CLASSES, Frame
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.velocity import against_object, past_displacement
@@ -99,8 +100,11 @@ def _made_of(
     found, what, read = objects, "objects move", ["depth", "object_id"]
     if objects is None:
         moved_m = motion.translation_m
-        if moved_m is None or not (_checks.is_traced(moved_m) or np.any(moved_m)):
+        moves = moved_m is not None and (_checks.is_traced(moved_m) or np.any(moved_m))
+        # Of a turn alone depth tells whose motion counts where surfaces meet.
+        if not moves and "depth" not in technique.needs & set(given):
             return None
+        moved_m = jnp.zeros_like(motion.offset) if moved_m is None else moved_m
         found, what, read = (motion.increment, moved_m), "the eye moves", ["depth"]
     if lacking := [name for name in read if name not in given]:
         raise ValueError(
@@ -161,7 +165,13 @@ class Rendered(eqx.Module):
     channels: Mapping[str, Shaped[Array, "*frames samples channels height width"]]
     static_mask: Bool[Array, "*frames height width"] | None = None
 
-    def frame(self, technique: AbstractTechnique, camera: Camera, view: Views) -> Frame:
+    def frame(
+        self,
+        technique: AbstractTechnique,
+        camera: Camera,
+        view: Views,
+        reading: Reading = GATHER,
+    ) -> Frame:
         """Return what a technique sees of one frame; `view`: that of the frame."""
         needs, place, jitter_px = technique.needs, view.samples_px, None
         channels = {name: each for name, each in self.channels.items() if name in needs}
@@ -175,7 +185,8 @@ class Rendered(eqx.Module):
             camera,
             Region.whole(camera),
             self.static_mask,
-            channels=channels,
+            reading,
+            channels,
             jitter_px=jitter_px,
         )
 

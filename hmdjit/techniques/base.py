@@ -146,6 +146,30 @@ class AbstractSpatial(AbstractTechnique):
         return None, self.resolve(frame)
 
 
+class AbstractTemporal(AbstractTechnique):
+    """A technique that accumulates frames, each sampled at another place of its pixels.
+
+    - `jitter`: whether the camera moves the samples; in a headset the head does, too.
+    """
+
+    jitter: eqx.AbstractVar[bool]
+
+    @property
+    @abc.abstractmethod
+    def jitter_pattern_px(self) -> Float[np.ndarray, "period 2"]:
+        """Where the camera samples, frame by frame, px from the centre, y down."""
+
+    @property
+    def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
+        """The pattern, or the centre without jitter."""
+        pattern = self.jitter_pattern_px if self.jitter else sample_patterns.centre()
+        return pattern[:, None]
+
+    def _id(self, *words: str) -> str:
+        """Join what is not a default, jitter last; empty words are left out."""
+        return "_".join(filter(None, [*words, "" if self.jitter else "no_jitter"]))
+
+
 def mean_of_samples(samples: Samples, space: str) -> Rgb:
     """Mean over samples in a colour space; gamma in and out, `(3, height, width)`.
 

@@ -1,0 +1,123 @@
+"""What temporal techniques share: un-jittering, the past, and what it may show."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._types import Mask, Numbers, Plane, Planes, Scalar
+from ..frames.displacement import AnyDisplacement, DisplacementField
+from ..frames.frame import Frame
+from ..frames.motion import Motion
+from ..frames.sources import History
+from . import neighborhood
+from .neighborhood import Box, FloatPlanes
+
+_LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
+_LEAST_LUMA = 0.2  # that a difference of luma is held against
+
+
+def unjittered(planes: FloatPlanes, jitter_px: Float[Array, "2"] | None) -> FloatPlanes:
+    """Read a jittered frame where the content of each pixel's centre went.
+
+    **Arguments:** `jitter_px`: of `Frame`, where its samples lie; None is the centre.
+    """
+    return planes if jitter_px is None else neighborhood.shifted(planes, -jitter_px)
+
+
+def dilated(
+    frame: Frame, motion: Motion, depth: Plane | None = None, tie: float = 0.0
+) -> AnyDisplacement:
+    """Where the nearest surface of each 3 x 3 block was, from its own pixel.
+
+    An edge then moves with what is in front. Where only the head's turn moves the
+    picture, near and far move alike, and each pixel has its own.
+
+    **Arguments:** `depth`: what is compared, the frame's by default; `tie`: by how much
+    a neighbour must be nearer than the centre, and than those above and to the left.
+    """
+    own = frame.reprojection(motion)
+    if not isinstance(own, DisplacementField):
+        return own
+    depth = frame.depth if depth is None else depth
+    at = neighborhood.around(jnp.stack([depth, own.dx, own.dy]), 1)
+    nearest = at(0, 0)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            is_nearer = at(dx, dy)[0] < nearest[0] - tie
+            nearest = jnp.where(is_nearer, at(dx, dy), nearest)
+    return dataclasses.replace(own, dx=nearest[1], dy=nearest[2])
+
+
+def is_finite(planes: Sequence[Plane] | Planes) -> Mask:
+    """Whether all planes of a pixel are finite, `(height, width)`."""
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, planes))
+
+
+def past(
+    history: History,
+    displacement: AnyDisplacement,
+    instead: Planes,
+    *,
+    clamps: bool = False,
+) -> Planes:
+    """Read a history where each pixel's content was.
+
+    **Arguments:** `instead`: shown where that is not finite, or off screen; `clamps`:
+    off screen the nearest pixel on it is shown.
+    """
+    shown = history.at(displacement)
+    is_shown = is_finite(shown)
+    if not clamps:
+        is_shown = is_shown & displacement.inside()
+    return jnp.where(is_shown[None], shown, instead)
+
+
+def _largest(planes: Planes) -> Float[Array, "1 height width"]:
+    # On CPUs XLA's own maximum over a first axis takes several times as long.
+    return functools.reduce(jnp.maximum, planes)[None]
+
+
+def clip_to_center(colors: Planes, box: Box) -> Planes:
+    """Move colours beyond a box towards its centre, to its surface.
+
+    **Source:** Pedersen, "Temporal reprojection anti-aliasing in INSIDE", GDC 2016.
+    """
+    center = (box.low + box.high) / 2
+    extent = (box.high - box.low) / 2 + _LEAST_EXTENT
+    beyond = _largest(jnp.abs((colors - center) / extent))
+    is_inside = beyond <= 1
+    scale = jnp.where(is_inside, 1.0, beyond)
+    return jnp.where(is_inside, colors, center + (colors - center) / scale)
+
+
+def clip_towards(colors: Planes, target: Planes, box: Box) -> Planes:
+    """Move colours beyond a box towards a target, to its surface.
+
+    Where the way misses the box, to the target. A plane that is as the target counts as
+    within its sides, or as beyond them for good.
+
+    **Source:** Karis, "High-quality temporal supersampling", SIGGRAPH 2014.
+    """
+    way = target - colors
+    is_level = way == 0
+    safe = jnp.where(is_level, 1.0, way)
+    enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
+    is_within = (box.low <= colors) & (colors <= box.high)
+    level = jnp.where(is_within, -jnp.inf, jnp.inf)
+    entry = _largest(jnp.where(is_level, level, enters))
+    return colors + jnp.clip(entry, 0, 1) * way
+
+
+def feedback_weight(
+    current_luma: Numbers, past_luma: Numbers, low: Scalar, high: Scalar
+) -> Numbers:
+    """Weight of the past: `low` where it differs from the present, `high` where not.
+
+    **Source:** Lottes, "Temporal anti-aliasing", 2011, as in Pedersen 2016.
+    """
+    largest = jnp.maximum(jnp.maximum(current_luma, past_luma), _LEAST_LUMA)
+    alike = 1 - jnp.abs(current_luma - past_luma) / largest
+    return low + (high - low) * alike**2
