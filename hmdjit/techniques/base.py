@@ -29,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .. import color, sample_patterns
+from .. import _checks, color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -37,6 +37,7 @@ from .small_motion import SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
+OFF_SCREEN = ("clamp", "reject")
 _UNROLLED = 16  # samples that are added without a loop
 
 
@@ -153,6 +154,9 @@ class AbstractTemporal(AbstractTechnique):
     """
 
     jitter: eqx.AbstractVar[bool]
+
+    def __check_init__(self):
+        _checks.boolean("jitter", self.jitter)
 
     @property
     @abc.abstractmethod
