@@ -29,5 +29,6 @@ from .spatial import SSAA as SSAA
 from .spatial import AccumulationBuffer as AccumulationBuffer
 from .spatial import NoAntialiasing as NoAntialiasing
 from .thesis_baseline import ThesisBaseline as ThesisBaseline
+from .tidoaa import TIDOAA as TIDOAA
 from .two_frame import TwoFrame as TwoFrame
 from .uncharted4 import Uncharted4 as Uncharted4

@@ -63,6 +63,11 @@ class AbstractTechnique(eqx.Module):
         return frozenset({"color"})
 
     @property
+    def reads_steps(self) -> bool:
+        """Whether it reads `Frame.steps`, so that no velocity stands for them."""
+        return False
+
+    @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
         """Sub-pixel samples: row k mod period, px from the centre, x right, y down."""
         return sample_patterns.centre()[None]

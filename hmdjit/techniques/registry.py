@@ -21,6 +21,7 @@ from .karis import Karis
 from .morphological import EDGES, MLAA, SMAA
 from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
 from .thesis_baseline import ThesisBaseline
+from .tidoaa import TIDOAA
 from .two_frame import TwoFrame
 from .uncharted4 import Uncharted4
 
@@ -37,7 +38,7 @@ IDS = (
     *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
     *("amortized", "amortized_subpixel", "two_frame", "inside", "inside_ycocg"),
-    *("thesis_baseline", "uncharted4", "karis"),
+    *("thesis_baseline", "uncharted4", "karis", "tidoaa", "tidoaa_subcell"),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
 `head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file. All that mix
@@ -56,6 +57,7 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+        *(TIDOAA(*choices) for choices in product(_BOTH, SPACES, _BOTH)),
         *(Amortized(fine, jitter=moves) for fine, moves in product(_BOTH, _BOTH)),
         *(Inside(*choices) for choices in product(_BOTH, _BOTH, _ENDS, _BOTH)),
         *(ThesisBaseline(*choices) for choices in product(_ENDS, _BOTH)),
