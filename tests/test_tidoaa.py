@@ -45,10 +45,9 @@ def test_ids_say_what_is_no_default(options, id):
     assert by_id(id) == TIDOAA(**options)
 
 
-@pytest.mark.parametrize("name", ["subcell", "space", "jitter"])
-def test_wrong_options_are_refused(name):
-    with pytest.raises(ValueError, match=f"{name} must be"):
-        TIDOAA(**{name: "no"})
+def test_wrong_options_are_refused():
+    with pytest.raises(ValueError, match="space must be one of gamma, linear, got 'n'"):
+        TIDOAA(space="n")
 
 
 def test_a_frame_lives_for_four(rng):

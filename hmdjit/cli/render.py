@@ -66,7 +66,7 @@ numbers from a file; none+sharpen is a stage of display, which follows any of th
 
 @dataclasses.dataclass(frozen=True)
 class TechniquesCommand:
-    """List the techniques that have an id: whose, what they need, how they sample.
+    """List the techniques that have an id: whose, how they sample, what they need.
 
     Jitter is optional where a frame's samples lie elsewhere than in the last one unless
     the id says no. A study takes any of them by `--techniques`.
@@ -88,15 +88,14 @@ class TechniquesCommand:
     def run(self, console: rich.console.Console) -> int:
         """Print a table."""
         chosen = [techniques.by_id(id) for id in self.ids or techniques.IDS]
-        words = ("technique", "paper", "needs", "jitter")
-        columns = {**{name: tables.WORDS for name in words}, "samples": "{:d}"}
+        columns = ["technique", "paper", "jitter", "samples", "needs"]
         rows = [list(_described(technique)) for technique in chosen]
         if self.cost:
-            columns |= {"picture\nns": "{:.3g}", "channels\nns": "{:.3g}"}
+            columns += ["picture, ns", "channels, ns"]
             for row, found in zip(rows, _costs(chosen, console), strict=True):
-                row += found
-        say = tables.spelling(console)
-        console.print(tables.table(columns, rows, say=say))
+                row += [f"{ns:.3g}" for ns in found]
+        words, say = dict.fromkeys(columns, tables.WORDS), tables.spelling(console)
+        console.print(tables.table(words, rows, say=say))
         console.out(_COMPOSED)
         return OK
 
@@ -106,10 +105,10 @@ def _described(technique: AbstractTechnique) -> Iterator[Any]:
     period, samples, _ = technique.sample_offsets_px.shape
     yield technique.id
     yield technique.paper or None
-    yield " ".join(sorted(technique.needs, key=list(CHANNELS).index))
     jitters = "optional" if hasattr(technique, "jitter") else "yes"
     yield jitters if period > 1 or hasattr(technique, "jitter") else "no"
     yield samples
+    yield " ".join(sorted(technique.needs, key=list(CHANNELS).index))
 
 
 def _costs(
