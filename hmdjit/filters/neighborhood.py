@@ -138,15 +138,16 @@ def shifted(planes: FloatPlanes, by_px: Float[Array, "2"]) -> FloatPlanes:
 
     **Arguments:** `by_px`: to the right and down, px, in `[-1.5, 1.5]`.
     """
-    height, width = planes.shape[-2:]
     whole = jnp.clip(jnp.floor(by_px), -_FARTHEST_PX, _FARTHEST_PX - 1)
     u, v = by_px - whole
     left, top = whole.astype(jnp.int32) + _FARTHEST_PX
-    room = padded(planes, _FARTHEST_PX, _FARTHEST_PX)
-    for axis, start, size in ((-1, left, width), (-2, top, height)):
-        room = lax.dynamic_slice_in_dim(room, start, size + 1, axis % room.ndim)
-    upper, lower = room[..., :-1, :], room[..., 1:, :]
-    rows = upper + v * (lower - upper)
-    return lax.optimization_barrier(
-        rows[..., :-1] + u * (rows[..., 1:] - rows[..., :-1])
-    )
+    # Kept whole, and each tap a slice of it: many times as fast on a CPU.
+    room = lax.optimization_barrier(padded(planes, _FARTHEST_PX, _FARTHEST_PX))
+    zeros = [jnp.zeros_like(left)] * (planes.ndim - 2)
+
+    def tap(dx: int, dy: int) -> FloatPlanes:
+        return lax.dynamic_slice(room, [*zeros, top + dy, left + dx], planes.shape)
+
+    upper = tap(0, 0) + u * (tap(1, 0) - tap(0, 0))
+    lower = tap(0, 1) + u * (tap(1, 1) - tap(0, 1))
+    return lax.optimization_barrier(upper + v * (lower - upper))
