@@ -90,11 +90,10 @@ def inserted(
 def resolved(store: Store) -> Rgb:
     """Mean of each pixel's valid cells."""
     is_valid = store.validity >= _LEAST_VALIDITY
-    total, count = (
-        functools.reduce(jnp.add, jnp.moveaxis(planes, -3, 0))
-        for planes in (jnp.where(is_valid[None], store.color, 0), 1 * is_valid)
-    )
-    return total / count.astype(total.dtype)[None]
+    seen = jnp.where(is_valid[None], store.color, 0)
+    total = functools.reduce(jnp.add, jnp.moveaxis(seen, 1, 0))
+    count = functools.reduce(jnp.add, is_valid.astype(total.dtype))
+    return total / count[None]
 
 
 def reprojected(store: Store, frame: Frame, motion: Motion) -> Store:
@@ -116,7 +115,8 @@ def reprojected(store: Store, frame: Frame, motion: Motion) -> Store:
     offset_x, offset_y = (0, 0) if store.offset_px is None else store.offset_px
     rightwards = jnp.floor(2 * (offset_x + dx) + 0.5)
     downwards = jnp.floor(2 * (offset_y + dy) + 0.5)
-    to_column, to_row = column + rightwards, row + downwards
+    to_column = column.astype(dx.dtype) + rightwards
+    to_row = row.astype(dy.dtype) + downwards
     is_in = (to_column >= 0) & (to_column < 2 * width)
     is_in = is_in & (to_row >= 0) & (to_row < 2 * height)
     goes = _goes(store) & is_in
@@ -129,24 +129,22 @@ def reprojected(store: Store, frame: Frame, motion: Motion) -> Store:
         [-store.validity.reshape(-1), depth.reshape(-1)],
         (2 * width * row + column).reshape(-1),
     )
-    is_empty = (first == cells).reshape(store.validity.shape)
     row = first // (2 * width)
     source = _index(row, first - 2 * width * row, height, width)
 
-    def moved(planes: Array, empty: float = 0) -> Array:
+    def moved(planes: Array) -> Array:
         flat = planes.reshape(*planes.shape[:-3], cells)
-        taken = flat.at[..., source].get(mode="clip").reshape(planes.shape)
-        hidden = is_empty.reshape((1,) * (planes.ndim - 3) + is_empty.shape)
-        return jnp.where(hidden, jnp.asarray(empty, planes.dtype), taken)
+        return flat.at[..., source].get(mode="clip").reshape(planes.shape)
 
     offset_px = store.offset_px
     if offset_px is not None:
         gone = jnp.stack([dx - rightwards / 2, dy - downwards / 2])
         offset_px = moved(offset_px + gone)
+    is_filled = (first < cells).reshape(store.validity.shape)
     return Store(
         color=moved(store.color),
-        validity=moved(_DECAY * store.validity),
-        depth=moved(depth, 1),
+        validity=jnp.where(is_filled, moved(_DECAY * store.validity), 0),
+        depth=moved(depth),
         thing=moved(store.thing),
         offset_px=offset_px,
         count=store.count,

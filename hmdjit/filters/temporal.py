@@ -31,6 +31,15 @@ def unjittered(
     return planes if jitter_px is None else neighborhood.shifted(planes, -jitter_px)
 
 
+def unjittered_reprojection(frame: Frame, motion: Motion) -> AnyDisplacement:
+    """Where the content of each pixel's centre was: of a field, between samples."""
+    own = frame.reprojection(motion)
+    if not isinstance(own, DisplacementField):
+        return own
+    dx, dy = unjittered(jnp.stack([own.dx, own.dy]), frame.jitter_px)
+    return dataclasses.replace(own, dx=dx, dy=dy)
+
+
 def dilated(
     frame: Frame, motion: Motion, depth: Plane | None = None, tie: float = 0.0
 ) -> AnyDisplacement:

@@ -49,7 +49,7 @@ class Frame(eqx.Module):
       it is a field; None are the field's own.
     - `steps`: increment and translation of the head against each object since the last
       frame, `(objects, 3)` each, row i of the object with the id i; for techniques that
-      need `velocity`. None where nothing moves by itself.
+      need `velocity` and `reads_steps`. None where nothing moves by itself.
     - `jitter_px`: where the one sample of each pixel lies in this frame, from its
       centre, px, x right and y down; None is the centre, or several samples.
     """

@@ -41,8 +41,8 @@ class Views(eqx.Module):
     - `motion`: of the head; NaN where it is unknown.
     - `against`: what velocity is made of, if that is derived from depth: increment and
       translation of the head, `(3,)`, or against each object, `(objects, 3)`.
-    - `steps`: increment and translation of the head against each object, if there are
-      any.
+    - `steps`: increment and translation of the head against each object, for techniques
+      that read them.
     - `samples_px`: where samples lie, from the pixel centre; None where nobody asks.
     """
 
@@ -84,7 +84,9 @@ class Views(eqx.Module):
             _check_range("jitter_px", jitter_px, -_MOST_JITTER_PX, _MOST_JITTER_PX)
             rows = np.asarray(jitter_px)[:, None] if rows.shape[1] == 1 else rows
         samples_px = jnp.asarray(rows, dtype) if is_asked else None
-        return cls(motion, against, objects, samples_px)
+        return cls(
+            motion, against, objects if technique.reads_steps else None, samples_px
+        )
 
     def at(self, k: int) -> "Views":
         """Return that of frame k."""
@@ -192,7 +194,7 @@ class Rendered(eqx.Module):
             reading,
             channels,
             jitter_px=jitter_px,
-            steps=view.steps if "velocity" in needs else None,
+            steps=view.steps,
         )
 
     def _velocity(
@@ -232,8 +234,9 @@ def checked_channels(
     found = {name: checked(name, each, shape, dtype) for name, each in given.items()}
     read, classes = needs, found.get("motion_class", np.zeros(1))
     derives = "velocity" in needs - set(found)
-    if views.steps is not None and (derives or technique.reads_steps):
-        count, read = views.steps[0].shape[1], needs | {"depth", "object_id"}
+    moves = views.steps or views.against
+    if moves is not None and moves[0].ndim > 2:
+        count, read = moves[0].shape[1], needs | {"depth", "object_id"}
         _check_range(
             "object_id, a row of object_poses,", given["object_id"], 0, count - 1
         )

@@ -24,6 +24,7 @@ from .morphological import MLAA as MLAA
 from .morphological import SMAA as SMAA
 from .registry import IDS as IDS
 from .registry import by_id as by_id
+from .sobel_taa import SobelTAA as SobelTAA
 from .spatial import MSAA as MSAA
 from .spatial import SSAA as SSAA
 from .spatial import AccumulationBuffer as AccumulationBuffer

@@ -8,6 +8,7 @@ import difflib
 import re
 from itertools import product
 
+from ..filters.aliasing import DEPTH_RANGES
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from . import curve_file, fxaa, morphological
 from .amortized import Amortized
@@ -19,6 +20,7 @@ from .head_movement import HeadMovement
 from .inside import Inside
 from .karis import Karis
 from .morphological import EDGES, MLAA, SMAA
+from .sobel_taa import DEPTH_HISTORIES, SobelTAA
 from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
 from .thesis_baseline import ThesisBaseline
 from .tidoaa import TIDOAA
@@ -38,7 +40,14 @@ IDS = (
     *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
     *("amortized", "amortized_subpixel", "two_frame", "inside", "inside_ycocg"),
-    *("thesis_baseline", "uncharted4", "karis", "tidoaa", "tidoaa_subcell"),
+    *(
+        "thesis_baseline",
+        "uncharted4",
+        "karis",
+        "tidoaa",
+        "tidoaa_subcell",
+        "sobel_taa",
+    ),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
 `head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file. All that mix
@@ -57,6 +66,7 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+        *(SobelTAA(*c) for c in product(DEPTH_RANGES, DEPTH_HISTORIES, _ENDS, _BOTH)),
         *(TIDOAA(*choices) for choices in product(_BOTH, SPACES, _BOTH)),
         *(Amortized(fine, jitter=moves) for fine, moves in product(_BOTH, _BOTH)),
         *(Inside(*choices) for choices in product(_BOTH, _BOTH, _ENDS, _BOTH)),
