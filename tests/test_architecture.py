@@ -119,7 +119,7 @@ FOLDERS = {
         ("study",),
     ],
     "trade_off": [
-        ("settings",),
+        ("settings", "cost"),
         ("bench", "knobs"),
         ("trade_off",),
         ("measurement", "choice"),

@@ -20,6 +20,7 @@ neighbours in the current frame, the region is stepped in one piece.
 
 import abc
 import functools
+import re
 from typing import Any
 
 import equinox as eqx
@@ -47,6 +48,14 @@ class AbstractTechnique(eqx.Module):
     @abc.abstractmethod
     def id(self) -> str:
         """Name in tables and on the command line."""
+
+    @property
+    def paper(self) -> str:
+        """Whose it is, and from when, by the `Source` in its class's docstring."""
+        _, _, source = (type(self).__doc__ or "").partition("**Source:** ")
+        authors, _, rest = source.partition("\n\n")[0].partition(",")
+        year = re.search(r"\b(?:19|20)\d\d\b", rest)
+        return " ".join([*authors.split(), *([year[0]] if year else [])])
 
     @property
     def needs(self) -> frozenset[str]:

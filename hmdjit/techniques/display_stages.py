@@ -77,6 +77,11 @@ class Displayed(AbstractTechnique):
         return f"{self.technique.id}+{self.stage.id}"
 
     @property
+    def paper(self) -> str:
+        """That of the technique."""
+        return self.technique.paper
+
+    @property
     def needs(self) -> frozenset[str]:
         """What either needs."""
         return self.technique.needs | self.stage.needs
