@@ -119,7 +119,7 @@ def gaussian_mean(
     def mean() -> FloatPlanes:
         at = reader(room, 1)
         rows = [sum(across[i] * at(i - 1, dy) for i in range(3)) for dy in (-1, 0, 1)]
-        return sum(down[j] * rows[j] for j in range(3))
+        return down[0] * rows[0] + down[1] * rows[1] + down[2] * rows[2]
 
     return apart(mean, planes)
 

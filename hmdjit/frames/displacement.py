@@ -105,8 +105,14 @@ class AbstractDisplacement(eqx.Module):
         if span is not None:
             ends = [change_x(span[:, 0]), change_y(span[:, 1])]
             span = jnp.sort(jnp.stack(ends, axis=1), axis=0)
-        field = (self.camera, self.region, change_x(dx), change_y(dy))
-        return DisplacementField(*field, span, self.reading)
+        return DisplacementField(
+            camera=self.camera,
+            region=self.region,
+            dx=change_x(dx),
+            dy=change_y(dy),
+            bounds=span,
+            reading=self.reading,
+        )
 
     @property
     @abc.abstractmethod

@@ -58,7 +58,7 @@ stage of display, `none+sharpen`."""
 
 _SSAA = r"ssaa([1-9]\d?)(?:_(lanczos2)(?:_taps(11))?)?(?:_(gamma))?"
 
-_BOTH, _ENDS = (False, True), OFF_SCREEN
+_BOTH = (False, True)
 _NAMED: dict[str, AbstractTechnique] = {
     technique.id: technique
     for technique in (
@@ -68,12 +68,25 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+<<<<<<< HEAD
         *(SobelTAA(*c) for c in product(DEPTH_RANGES, DEPTH_HISTORIES, _ENDS, _BOTH)),
         *(TIDOAA(*choices) for choices in product(_BOTH, SPACES, _BOTH)),
         *(Amortized(fine, jitter=moves) for fine, moves in product(_BOTH, _BOTH)),
         *(Inside(*choices) for choices in product(_BOTH, _BOTH, _ENDS, _BOTH)),
         *(ThesisBaseline(*choices) for choices in product(_ENDS, _BOTH)),
         *(kind(jitter) for kind in (TwoFrame, Uncharted4, Karis) for jitter in _BOTH),
+=======
+        *(Amortized(subpixel=s, jitter=j) for s, j in product(_BOTH, _BOTH)),
+        *(
+            Inside(ycocg=y, motion_blur=m, off_screen=o, jitter=j)
+            for y, m, o, j in product(_BOTH, _BOTH, OFF_SCREEN, _BOTH)
+        ),
+        *(
+            ThesisBaseline(off_screen=o, jitter=j)
+            for o, j in product(OFF_SCREEN, _BOTH)
+        ),
+        *(kind(jitter=j) for kind in (TwoFrame, Uncharted4, Karis) for j in _BOTH),
+>>>>>>> w-taa
     )
 }
 

@@ -132,6 +132,7 @@ class SobelTAA(AbstractTemporal):
         around = temporal.unjittered(frame.color[0], frame.jitter_px, margin_px=1)
         plus, block = neighborhood.plus_and_block(around, margin_px=1)
         box = aliasing.narrowed(plus, block, seen.current, seen.aliased)
+        box = neighborhood.apart(lambda: box, seen.current)
         past = temporal.clip_to_center(seen.past, box)
         lumas = color.to_ycocg(seen.current)[0], color.to_ycocg(past)[0]
         weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
@@ -156,7 +157,9 @@ class SobelTAA(AbstractTemporal):
         box = neighborhood.rounded_box(edges, margin_px=1)
         weight = temporal.feedback_weight(now[3], past[3], *_FEEDBACK)
         kept = jnp.clip(past[3], box.low[0], box.high[0])
-        temporal_sobel = now[3] + weight * (kept - now[3])
+        temporal_sobel = neighborhood.apart(
+            lambda: now[3] + weight * (kept - now[3]), current
+        )
 
         ids = neighborhood.shifted_nearest(frame.object_id, aside, margin_px=1)
         models = aliasing.differing_share(ids, depth.dtype)
@@ -169,7 +172,10 @@ class SobelTAA(AbstractTemporal):
         else:
             (past_depth,) = state.depth.under(frame.region)
         terms = aliasing.depth_terms(depths, past_depth, self.depth_range)
-        aliased = aliasing.aliased_value(temporal_sobel, models, *terms)
+        terms, aliased = neighborhood.apart(
+            lambda: (terms, aliasing.aliased_value(temporal_sobel, models, *terms)),
+            current,
+        )
         return Intermediates(
             sobel, temporal_sobel, models, *terms, aliased, current, past[:3], depth
         )
