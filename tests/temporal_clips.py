@@ -160,7 +160,8 @@ def solid_clip(jitter_px, is_moving=True, frames=FRAMES):
     color, depth, *others = map(np.stack, zip(*map(cast, range(frames)), strict=True))
     heads[:, 4:] *= SCALE
     things[..., 4:] *= SCALE
-    return Clip(color, SCALE * depth, *others, jitter, heads, things)
+    planes = (color, SCALE * depth, *others, jitter, heads, things)
+    return Clip._make(planes)
 
 
 def flat_clip(color, jitter_px, velocity_px=(0.0, 0.0)):

@@ -41,7 +41,7 @@ def test_ids_say_what_is_no_default(options, id):
 @pytest.mark.parametrize("name", ["depth_range", "depth_history", "off_screen"])
 def test_wrong_options_are_refused(name):
     with pytest.raises(ValueError, match=f"{name} must be one of .* got 'none'"):
-        SobelTAA(**{name: "none"})
+        dataclasses.replace(SobelTAA(), **{name: "none"})
 
 
 @jax.jit
@@ -135,7 +135,7 @@ def test_solids_are_shown_and_have_finite_derivatives():
 
         return jax.grad(total)(frame.color)
 
-    slope, state = jax.jit(slope), None
+    slope, state, frame = jax.jit(slope), None, None
     for k in range(4):
         motion = Motion(turn * k, turn, walk * k, walk) if k else STILL
         motion = dataclasses.replace(motion, position_m=walk * k, translation_m=walk)
@@ -145,4 +145,5 @@ def test_solids_are_shown_and_have_finite_derivatives():
         state, shown, made_of = step(state, frame, motion)
         assert np.isfinite(shown).all()
         assert 0.05 < float(made_of.aliased.mean()) < 0.95
+    assert frame is not None
     assert np.isfinite(temporal.thesis_depth(frame.depth)).all()

@@ -152,7 +152,7 @@ def test_a_run_is_its_steps_and_a_lost_pixel_of_the_past_is_not_seen(technique):
     clip = clip_of(name_of(technique))
     frames = list(frames_of(technique, clip))
     state = quickly(technique.init)(frames[0][0])
-    alone = []
+    alone, before = [], state
     for frame, motion in frames:
         before = jax.tree.map(np.asarray, state)
         state, picture = stepping(technique)(before, frame, motion)

@@ -111,8 +111,8 @@ def test_velocity_says_where_the_same_surface_was():
         ray = clips.rays(clips.X_PX + s[0], clips.Y_PX + s[1])
         for thing in (clips.PLANE, clips.CARD):
             poses = clip.poses[k - 1], clip.poses[k]
-            things = clip.object_poses[k, thing], clip.object_poses[k - 1, thing]
-            turn, shift = oracle.onto_the_next(*poses[::-1], *things)
+            now, before = clip.object_poses[k, thing], clip.object_poses[k - 1, thing]
+            turn, shift = oracle.onto_the_next(*poses[::-1], now, before)
             is_seen = clip.object_id[k] == thing
             point = clip.depth[k][is_seen][:, None] * ray[is_seen]
             before = clips.projected(point @ turn.T + shift)

@@ -35,7 +35,7 @@ class Store(NamedTuple):
     - `thing`: 0 of all that is static, the id + 1 of what is rigid, below 0 of what
       deforms.
     - `offset_px`: where the sample lies, from the cell's centre; None is there.
-    - `count`: of frames.
+    - `frame`: its number.
     """
 
     color: Float[Array, "3 cells height width"]
@@ -43,7 +43,7 @@ class Store(NamedTuple):
     depth: Float[Array, "cells height width"]
     thing: Int[Array, "cells height width"]
     offset_px: Float[Array, "2 cells height width"] | None
-    count: WholeNumber
+    frame: WholeNumber
 
 
 def empty(like: Rgb, *, has_offsets: bool) -> Store:
@@ -55,7 +55,7 @@ def empty(like: Rgb, *, has_offsets: bool) -> Store:
         depth=jnp.ones(size, dtype),
         thing=jnp.zeros(size, jnp.int32),
         offset_px=jnp.zeros((2, *size), dtype) if has_offsets else None,
-        count=jnp.int32(0),
+        frame=jnp.int32(0),
     )
 
 
@@ -83,7 +83,7 @@ def inserted(
         depth=store.depth.at[cell].set(jax.lax.stop_gradient(frame.depth)),
         thing=store.thing.at[cell].set(jnp.where(kind == _STATIC, 0, own)),
         offset_px=offset_px,
-        count=store.count + 1,
+        frame=store.frame + 1,
     )
 
 
@@ -147,7 +147,7 @@ def reprojected(store: Store, frame: Frame, motion: Motion) -> Store:
         depth=moved(depth),
         thing=moved(store.thing),
         offset_px=offset_px,
-        count=store.count,
+        frame=store.frame,
     )
 
 
@@ -173,7 +173,8 @@ def _displacement(
         pairs = zip(steps, frame.steps, strict=True)
         steps = tuple(jnp.concatenate([own[None], each]) for own, each in pairs)
         thing = jnp.maximum(store.thing, 0)
-    return next_displacement(frame.camera, x, y, store.depth, *steps, thing)
+    turned, moved = steps
+    return next_displacement(frame.camera, x, y, store.depth, turned, moved, thing)
 
 
 def _goes(store: Store) -> Array:

@@ -69,10 +69,6 @@ AT_REST = Reading("at_rest")
 class AbstractDisplacement(eqx.Module):
     """Where the sources of a region's pixels lie, px from each pixel's centre."""
 
-    camera: eqx.AbstractVar[Camera]
-    region: eqx.AbstractVar[Region]
-    reading: eqx.AbstractVar[Reading]
-
     @abc.abstractmethod
     def field(self) -> Callable[[], tuple[Plane, Plane]]:
         """Return `px` as a function, its scalars computed already."""
@@ -105,14 +101,14 @@ class AbstractDisplacement(eqx.Module):
         if span is not None:
             ends = [change_x(span[:, 0]), change_y(span[:, 1])]
             span = jnp.sort(jnp.stack(ends, axis=1), axis=0)
-        return DisplacementField(
-            camera=self.camera,
-            region=self.region,
-            dx=change_x(dx),
-            dy=change_y(dy),
-            bounds=span,
-            reading=self.reading,
-        )
+        camera, region, reading = self._place
+        field = (camera, region, change_x(dx), change_y(dy))
+        return DisplacementField(*field, span, reading)
+
+    @property
+    @abc.abstractmethod
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        """Whose pixels these are, and how their sources are read."""
 
     @property
     @abc.abstractmethod
@@ -158,6 +154,10 @@ class DisplacementField(AbstractDisplacement):
     @property
     def _known_span(self) -> Float[Array, "2 2"] | None:
         return self.bounds
+
+    @property
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        return self.camera, self.region, self.reading
 
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame."""
@@ -258,6 +258,10 @@ class Displacement(AbstractDisplacement):
     @property
     def _known_span(self) -> Float[Array, "2 2"]:
         return self.span()
+
+    @property
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        return self.camera, self.region, self.reading
 
     def _exact_span(self) -> Float[Array, "2 2"]:
         """Return `span` without approximation."""

@@ -65,7 +65,6 @@ class Amortized(AbstractTemporal):
     subpixel: bool = eqx.field(static=True, default=False)
     blur_limit_px2: Scalar = eqx.field(converter=_checks.number, default=0.5)
     min_weight: Scalar = eqx.field(converter=_checks.number, default=1 / 16)
-    jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         _checks.boolean("subpixel", self.subpixel)

@@ -158,7 +158,7 @@ class AbstractTemporal(AbstractTechnique):
     - `jitter`: whether the camera moves the samples; in a headset the head does, too.
     """
 
-    jitter: eqx.AbstractVar[bool]
+    jitter: bool = eqx.field(static=True, default=True, kw_only=True)
 
     def __check_init__(self):
         _checks.boolean("jitter", self.jitter)

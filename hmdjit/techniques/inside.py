@@ -41,7 +41,6 @@ class Inside(AbstractTemporal):
     ycocg: bool = eqx.field(static=True, default=False)
     motion_blur: bool = eqx.field(static=True, default=False)
     off_screen: str = eqx.field(static=True, default="clamp")
-    jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         _checks.boolean("ycocg", self.ycocg)

@@ -1,6 +1,5 @@
 """Temporal supersampling of a game engine (Karis)."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -24,8 +23,6 @@ class Karis(AbstractTemporal):
     **Source:** Karis, "High-quality temporal supersampling", SIGGRAPH 2014, from the
     published course notes.
     """
-
-    jitter: bool = eqx.field(static=True, default=True)
 
     @property
     def id(self) -> str:

@@ -68,25 +68,20 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
-<<<<<<< HEAD
-        *(SobelTAA(*c) for c in product(DEPTH_RANGES, DEPTH_HISTORIES, _ENDS, _BOTH)),
-        *(TIDOAA(*choices) for choices in product(_BOTH, SPACES, _BOTH)),
-        *(Amortized(fine, jitter=moves) for fine, moves in product(_BOTH, _BOTH)),
-        *(Inside(*choices) for choices in product(_BOTH, _BOTH, _ENDS, _BOTH)),
-        *(ThesisBaseline(*choices) for choices in product(_ENDS, _BOTH)),
-        *(kind(jitter) for kind in (TwoFrame, Uncharted4, Karis) for jitter in _BOTH),
-=======
+        *(
+            SobelTAA(span, history, off_screen, jitter=jitter)
+            for span, history in product(DEPTH_RANGES, DEPTH_HISTORIES)
+            for off_screen, jitter in product(OFF_SCREEN, _BOTH)
+        ),
+        *(TIDOAA(c, space, jitter=j) for c, space, j in product(_BOTH, SPACES, _BOTH)),
         *(Amortized(subpixel=s, jitter=j) for s, j in product(_BOTH, _BOTH)),
         *(
-            Inside(ycocg=y, motion_blur=m, off_screen=o, jitter=j)
-            for y, m, o, j in product(_BOTH, _BOTH, OFF_SCREEN, _BOTH)
+            Inside(ycocg, blur, off_screen, jitter=jitter)
+            for ycocg, blur in product(_BOTH, _BOTH)
+            for off_screen, jitter in product(OFF_SCREEN, _BOTH)
         ),
-        *(
-            ThesisBaseline(off_screen=o, jitter=j)
-            for o, j in product(OFF_SCREEN, _BOTH)
-        ),
+        *(ThesisBaseline(o, jitter=j) for o, j in product(OFF_SCREEN, _BOTH)),
         *(kind(jitter=j) for kind in (TwoFrame, Uncharted4, Karis) for j in _BOTH),
->>>>>>> w-taa
     )
 }
 

@@ -75,7 +75,6 @@ class SobelTAA(AbstractTemporal):
     depth_range: str = eqx.field(static=True, default="paper")
     depth_history: str = eqx.field(static=True, default="same_pixel")
     off_screen: str = eqx.field(static=True, default="clamp")
-    jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         _checks.one_of("depth_range", self.depth_range, aliasing.DEPTH_RANGES)
@@ -177,5 +176,13 @@ class SobelTAA(AbstractTemporal):
             current,
         )
         return Intermediates(
-            sobel, temporal_sobel, models, *terms, aliased, current, past[:3], depth
+            sobel,
+            temporal_sobel,
+            models,
+            terms[0],
+            terms[1],
+            aliased,
+            current,
+            past[:3],
+            depth,
         )

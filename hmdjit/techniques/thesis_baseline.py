@@ -32,7 +32,6 @@ class ThesisBaseline(AbstractTemporal):
     """
 
     off_screen: str = eqx.field(static=True, default="clamp")
-    jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         _checks.one_of("off_screen", self.off_screen, OFF_SCREEN)

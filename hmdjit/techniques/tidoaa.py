@@ -33,7 +33,6 @@ class TIDOAA(AbstractTemporal):
 
     subcell: bool = eqx.field(static=True, default=False)
     space: str = eqx.field(static=True, default="gamma")
-    jitter: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
         _checks.boolean("subcell", self.subcell)
@@ -86,7 +85,7 @@ class TIDOAA(AbstractTemporal):
 
     def _inserted(self, store: Store, frame: Frame) -> Store:
         """Put each pixel in the cell where its sample lies."""
-        cell = jnp.asarray(_ORDER)[store.count % 4]
+        cell = jnp.asarray(_ORDER)[store.frame % 4]
         sample_px = jnp.zeros(2, store.color.dtype)
         if self.jitter and frame.jitter_px is not None:
             sample_px = frame.jitter_px

@@ -1,6 +1,5 @@
 """Two frames, weighted by how their speeds agree (CryENGINE 3)."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -29,8 +28,6 @@ class TwoFrame(AbstractTemporal):
     **Source:** Sousa, "Anti-aliasing methods in CryENGINE 3", SIGGRAPH 2011, in the
     form of Jimenez et al., "SMAA", 2012, whose code has the weight.
     """
-
-    jitter: bool = eqx.field(static=True, default=True)
 
     @property
     def id(self) -> str:

@@ -1,6 +1,5 @@
 """An approximation of the temporal filter of "Uncharted 4" (Xu)."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -33,8 +32,6 @@ class Uncharted4(AbstractTemporal):
     **Source:** Xu, "Temporal antialiasing in Uncharted 4", SIGGRAPH 2016, as others
     tell of it.
     """
-
-    jitter: bool = eqx.field(static=True, default=True)
 
     @property
     def id(self) -> str:
