@@ -112,7 +112,7 @@ def test_velocity_says_where_the_same_surface_was():
         for thing in (clips.PLANE, clips.CARD):
             poses = clip.poses[k - 1], clip.poses[k]
             now, before = clip.object_poses[k, thing], clip.object_poses[k - 1, thing]
-            turn, shift = oracle.onto_the_next(*poses[::-1], now, before)
+            turn, shift = oracle.onto_the_next(poses[1], poses[0], now, before)
             is_seen = clip.object_id[k] == thing
             point = clip.depth[k][is_seen][:, None] * ray[is_seen]
             before = clips.projected(point @ turn.T + shift)
