@@ -5,7 +5,7 @@ Beyond the planes' edge lies what is at the edge.
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
 from jax import lax
@@ -14,10 +14,24 @@ from jaxtyping import Array, Float, Shaped
 AnyPlanes = Shaped[Array, "*planes height width"]
 FloatPlanes = Float[Array, "*planes height width"]
 
+AnyTree = TypeVar("AnyTree")
+
 Reader = Callable[[int, int], AnyPlanes]
 """Planes read `dx` px to the right and `dy` px down of each pixel."""
 
 _FARTHEST_PX = 2  # that `shifted` reads
+
+
+def apart(compute: Callable[[], AnyTree], planes: AnyPlanes) -> AnyTree:
+    """Compute behind a boundary that XLA does not fuse across.
+
+    Else what is read at several places is computed anew for each. Only a choice that it
+    cannot decide stops it, here between twice the same.
+
+    **Arguments:** `planes`: any that are known when it is computed.
+    """
+    is_known = jnp.isfinite(planes[(0,) * planes.ndim])
+    return lax.cond(is_known, compute, compute)
 
 
 def around(planes: AnyPlanes, radius_px: int) -> Reader:
@@ -100,9 +114,14 @@ def gaussian_mean(
     distance = jnp.arange(-1, 2, dtype=planes.dtype)[:, None] - center[None]
     weights = jnp.exp(-decay_px2 * distance**2)
     across, down = (weights / weights.sum(axis=0)[None]).T
-    at = around(planes, 1)
-    rows = [sum(across[i] * at(i - 1, dy) for i in range(3)) for dy in (-1, 0, 1)]
-    return sum(down[j] * rows[j] for j in range(3))
+    room = padded(planes, 1, 1)
+
+    def mean() -> FloatPlanes:
+        at = reader(room, 1)
+        rows = [sum(across[i] * at(i - 1, dy) for i in range(3)) for dy in (-1, 0, 1)]
+        return sum(down[j] * rows[j] for j in range(3))
+
+    return apart(mean, planes)
 
 
 class Box(NamedTuple):
@@ -121,23 +140,27 @@ def plus_and_block(planes: FloatPlanes, *, margin_px: int = 0) -> tuple[Box, Box
 
     **Arguments:** `margin_px`: pixels around, 0 or 1, that are there to be read only.
     """
-    at = reader(padded(planes, 1 - margin_px, 1 - margin_px), 1)
+    room = padded(planes, 1 - margin_px, 1 - margin_px)
 
     def ends(extreme: Callable) -> tuple[FloatPlanes, FloatPlanes]:
-        of = lambda *values: functools.reduce(extreme, values)
+        at, of = reader(room, 1), lambda *values: functools.reduce(extreme, values)
         left, middle, right = (
             of(at(dx, -1), at(dx, 0), at(dx, 1)) for dx in (-1, 0, 1)
         )
         return of(middle, at(-1, 0), at(1, 0)), of(middle, left, right)
 
-    lows, highs = ends(jnp.minimum), ends(jnp.maximum)
+    lows, highs = apart(lambda: (ends(jnp.minimum), ends(jnp.maximum)), planes)
     return Box(lows[0], highs[0]), Box(lows[1], highs[1])
 
 
 def rounded_box(planes: FloatPlanes, *, margin_px: int = 0) -> Box:
     """Box midway between those of a plus and of a 3 x 3 block, see there."""
-    plus, block = plus_and_block(planes, margin_px=margin_px)
-    return plus.halfway(block)
+
+    def box() -> Box:
+        plus, block = plus_and_block(planes, margin_px=margin_px)
+        return plus.halfway(block)
+
+    return apart(box, planes)
 
 
 def plus_mean(planes: FloatPlanes) -> FloatPlanes:
@@ -154,16 +177,19 @@ def shifted(planes: FloatPlanes, by_px: Float[Array, "2"]) -> FloatPlanes:
     whole = jnp.clip(jnp.floor(by_px), -_FARTHEST_PX, _FARTHEST_PX - 1)
     u, v = by_px - whole
     left, top = whole.astype(jnp.int32) + _FARTHEST_PX
-    # Kept whole, and each tap a slice of it: many times as fast on a CPU.
-    room = lax.optimization_barrier(padded(planes, _FARTHEST_PX, _FARTHEST_PX))
+    room = padded(planes, _FARTHEST_PX, _FARTHEST_PX)
     zeros = [jnp.zeros_like(left)] * (planes.ndim - 2)
 
     def tap(dx: int, dy: int) -> FloatPlanes:
+        # Each a slice of its own: many times as fast on a CPU.
         return lax.dynamic_slice(room, [*zeros, top + dy, left + dx], planes.shape)
 
-    upper = tap(0, 0) + u * (tap(1, 0) - tap(0, 0))
-    lower = tap(0, 1) + u * (tap(1, 1) - tap(0, 1))
-    return lax.optimization_barrier(upper + v * (lower - upper))
+    def shift() -> FloatPlanes:
+        upper = tap(0, 0) + u * (tap(1, 0) - tap(0, 0))
+        lower = tap(0, 1) + u * (tap(1, 1) - tap(0, 1))
+        return upper + v * (lower - upper)
+
+    return apart(shift, planes)
 
 
 def shifted_nearest(

@@ -13,7 +13,7 @@ from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
 from . import neighborhood
-from .neighborhood import Box, FloatPlanes
+from .neighborhood import Box, FloatPlanes, apart
 
 _LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
 _LEAST_LUMA = 0.2  # that a difference of luma is held against
@@ -100,7 +100,7 @@ def clip_to_center(colors: Planes, box: Box) -> Planes:
     """
     center = (box.low + box.high) / 2
     extent = (box.high - box.low) / 2 + _LEAST_EXTENT
-    beyond = _largest(jnp.abs((colors - center) / extent))
+    beyond = apart(lambda: _largest(jnp.abs((colors - center) / extent)), colors)
     is_inside = beyond <= 1
     scale = jnp.where(is_inside, 1.0, beyond)
     return jnp.where(is_inside, colors, center + (colors - center) / scale)
@@ -115,13 +115,16 @@ def clip_towards(colors: Planes, target: Planes, box: Box) -> Planes:
     **Source:** Karis, "High-quality temporal supersampling", SIGGRAPH 2014.
     """
     way = target - colors
-    is_level = way == 0
-    safe = jnp.where(is_level, 1.0, way)
-    enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
-    is_within = (box.low <= colors) & (colors <= box.high)
-    level = jnp.where(is_within, -jnp.inf, jnp.inf)
-    entry = _largest(jnp.where(is_level, level, enters))
-    return colors + jnp.clip(entry, 0, 1) * way
+
+    def entry() -> Float[Array, "1 height width"]:
+        is_level = way == 0
+        safe = jnp.where(is_level, 1.0, way)
+        enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
+        is_within = (box.low <= colors) & (colors <= box.high)
+        level = jnp.where(is_within, -jnp.inf, jnp.inf)
+        return _largest(jnp.where(is_level, level, enters))
+
+    return colors + jnp.clip(apart(entry, colors), 0, 1) * way
 
 
 def feedback_weight(

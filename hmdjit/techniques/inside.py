@@ -77,26 +77,32 @@ class Inside(AbstractTemporal):
 
     def init(self, frame: Frame) -> History:
         """Keep the un-jittered frame."""
-        return History.of(temporal.unjittered(frame.color[0], frame.jitter_px))
+        return History.of(temporal.unjittered(self._sampled(frame), frame.jitter_px))
 
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Blend in the past of the nearest surface around, clipped to a rounded box."""
-        at = temporal.dilated(frame, motion)
-        current = temporal.unjittered(frame.color[0], frame.jitter_px)
+        at, sampled = temporal.dilated(frame, motion), self._sampled(frame)
+        current = temporal.unjittered(sampled, frame.jitter_px)
         past = temporal.past(state, at, current, clamps=self.off_screen == "clamp")
-        if self.ycocg:
-            current, past = color.to_ycocg(current), color.to_ycocg(past)
-            box = neighborhood.rounded_box(color.to_ycocg(frame.color[0]))
-            past = temporal.clip_to_center(past, _about_chroma(box, current))
-            lumas = current[0], past[0]
-        else:
-            box = neighborhood.rounded_box(frame.color[0])
-            past = temporal.clip_to_center(past, box)
-            lumas = color.luma(current), color.luma(past)
-        weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
-        kept = current + weight[None] * (past - current)
-        kept = color.from_ycocg(kept) if self.ycocg else kept
-        return History.of(kept), _blurred(kept, at, frame) if self.motion_blur else kept
+        around = neighborhood.rounded_box(sampled)
+        own = lambda: _about_chroma(around, current)
+        box = neighborhood.apart(own, current) if self.ycocg else around
+        past = temporal.clip_to_center(past, box)
+        luma = (lambda ycocg: ycocg[0]) if self.ycocg else color.luma
+        weight = temporal.feedback_weight(luma(current), luma(past), *_FEEDBACK)
+        kept = neighborhood.apart(
+            lambda: current + weight[None] * (past - current), current
+        )
+        shown = color.from_ycocg(kept) if self.ycocg else kept
+        shown = _blurred(shown, at, frame) if self.motion_blur else shown
+        return History.of(kept), shown
+
+    def _sampled(self, frame: Frame) -> Rgb:
+        """Colours as they are filtered and kept."""
+        rgb = frame.color[0]
+        return (
+            neighborhood.apart(lambda: color.to_ycocg(rgb), rgb) if self.ycocg else rgb
+        )
 
 
 def _about_chroma(box: Box, current: Rgb) -> Box:

@@ -54,12 +54,12 @@ class Karis(AbstractTemporal):
 
     def init(self, frame: Frame) -> History:
         """Keep the filtered frame, in YCoCg."""
-        return History.of(_filtered(color.to_ycocg(frame.color[0]), frame))
+        return History.of(_filtered(_sampled(frame), frame))
 
     def step(self, state: History, frame: Frame, motion: Motion) -> tuple[History, Rgb]:
         """Blend in the past of the nearest surface around, clipped to a rounded box."""
         at = temporal.dilated(frame, motion)
-        sampled = color.to_ycocg(frame.color[0])
+        sampled = _sampled(frame)
         current = _filtered(sampled, frame)
         past = temporal.past(state, at, current)
         past = temporal.clip_towards(past, current, neighborhood.rounded_box(sampled))
@@ -67,6 +67,11 @@ class Karis(AbstractTemporal):
         weight = now / (now + (1 - _CURRENT_WEIGHT) * _tone_weight(past))
         kept = past + weight[None] * (current - past)
         return History.of(kept), color.from_ycocg(kept)
+
+
+def _sampled(frame: Frame) -> Rgb:
+    rgb = frame.color[0]
+    return neighborhood.apart(lambda: color.to_ycocg(rgb), rgb)
 
 
 def _filtered(ycocg: Rgb, frame: Frame) -> Rgb:
