@@ -25,7 +25,7 @@ from hmdjit.estimates.intervals import Interval, mean_interval, ratio_interval
 from hmdjit.figures import drawing
 from hmdjit.studies.definition import StudyScene
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
-from hmdjit.techniques.base import AbstractTemporal
+from hmdjit.technique_contract.base import AbstractTemporal
 
 if TYPE_CHECKING:
     import xarray

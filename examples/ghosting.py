@@ -24,7 +24,7 @@ from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import AbstractSource, View
 from hmdjit.scenes.solid_set import moving_sphere
 from hmdjit.simulation.views import Pattern, Renderer
-from hmdjit.techniques.base import AbstractTechnique, AbstractTemporal
+from hmdjit.technique_contract.base import AbstractTechnique, AbstractTemporal
 
 TECHNIQUES = ("none", "head_movement")
 TECHNIQUES += tuple(

@@ -17,7 +17,7 @@ from hmdjit.cli import definition
 from hmdjit.estimates.rows import SummaryRow
 from hmdjit.estimates.summary import POOLED, summarize
 from hmdjit.scenes.solid_set import fence
-from hmdjit.techniques.base import AbstractTemporal
+from hmdjit.technique_contract.base import AbstractTemporal
 from hmdjit.trade_off import cost
 
 README = Path(__file__).parents[1] / "README.md"

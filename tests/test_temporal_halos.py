@@ -9,7 +9,7 @@ import small
 import hmdjit as hj
 from hmdjit.frames.sources import AbstractSource
 from hmdjit.simulation.halo import HALO_TOLERANCE, needed_halo_px
-from hmdjit.techniques.base import AbstractTemporal
+from hmdjit.technique_contract.base import AbstractTemporal
 
 SIDE, TILE, FRAMES = 80, 16, 6
 START = (SIDE - TILE) // 2

@@ -32,7 +32,7 @@ from ..simulation.views import Pattern, Renderer
 from ..studies.definition import StudyScene
 from ..studies.identity import counted
 from ..studies.progress import Progress
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 from ..trade_off import cost
 from . import definition
 from .frame_files import Codes, codes

@@ -16,7 +16,7 @@ from ..frames.displacement import GATHER, Reading
 from ..frames.frame import CHANNELS, MOTION_CLASSES, Frame
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.velocity import against_object, past_displacement
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 
 KEYWORDS = {
     "depth": ("depth", "--depth"),

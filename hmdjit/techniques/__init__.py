@@ -1,20 +1,20 @@
 """Anti-aliasing techniques: one file per technique or close family.
 
-`base` has the contract, `check` tries it on a technique, `stencil` sees how far that
-reads, `registry` knows ids. The arithmetic of Kim et al. is in `reprojection` and
-`blending`, by equation number; what reads neighbours is in `filters`.
+`registry` knows ids; what a technique is, is in `technique_contract`. The arithmetic of
+Kim et al. is in `reprojection` and `blending`, by equation number; what reads
+neighbours, and what the temporal ones share, is in `filters`.
 """
 
+from ..technique_contract.base import AbstractSpatial as AbstractSpatial
+from ..technique_contract.base import AbstractTechnique as AbstractTechnique
+from ..technique_contract.base import AbstractTemporal as AbstractTemporal
+from ..technique_contract.check import check as check
+from ..technique_contract.display_stages import AbstractStage as AbstractStage
+from ..technique_contract.display_stages import Displayed as Displayed
+from ..technique_contract.display_stages import MotionBlur as MotionBlur
+from ..technique_contract.display_stages import Sharpening as Sharpening
 from . import curve_file as curve_file
 from .amortized import Amortized as Amortized
-from .base import AbstractSpatial as AbstractSpatial
-from .base import AbstractTechnique as AbstractTechnique
-from .base import AbstractTemporal as AbstractTemporal
-from .check import check as check
-from .display_stages import AbstractStage as AbstractStage
-from .display_stages import Displayed as Displayed
-from .display_stages import MotionBlur as MotionBlur
-from .display_stages import Sharpening as Sharpening
 from .freeze import Freeze as Freeze
 from .fxaa import FXAA as FXAA
 from .head_movement import HeadMovement as HeadMovement

@@ -14,7 +14,7 @@ from ..frames.displacement import AnyDisplacement
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import AbstractTemporal
+from ..technique_contract.base import AbstractTemporal
 
 _CELLS = ((0, 0), (1, 1), (0, 1), (1, 0))  # (row, column) of sub-pixels, by turns
 

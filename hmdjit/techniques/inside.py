@@ -14,7 +14,7 @@ from ..frames.displacement import AnyDisplacement
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import OFF_SCREEN, AbstractTemporal
+from ..technique_contract.base import OFF_SCREEN, AbstractTemporal
 
 _FEEDBACK = 0.88, 0.97  # weight of the past, least and largest
 _CHROMA = 0.125  # half the extent of chroma's box, of luma's extent

@@ -9,7 +9,7 @@ from ..filters import neighborhood, temporal
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import AbstractTemporal
+from ..technique_contract.base import AbstractTemporal
 
 _CURRENT_WEIGHT = 0.1
 _DECAY_PX2 = 2.29  # a fit of a Blackman-Harris window of 3.3 px

@@ -10,10 +10,20 @@ from itertools import product
 
 from ..filters.aliasing import DEPTH_RANGES
 from ..sample_patterns import MULTISAMPLE_COUNTS
+from ..technique_contract.base import (
+    OFF_SCREEN,
+    SPACES,
+    AbstractSpatial,
+    AbstractTechnique,
+)
+from ..technique_contract.display_stages import (
+    AbstractStage,
+    Displayed,
+    MotionBlur,
+    Sharpening,
+)
 from . import curve_file, fxaa, morphological
 from .amortized import Amortized
-from .base import OFF_SCREEN, SPACES, AbstractSpatial, AbstractTechnique
-from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
 from .freeze import Freeze
 from .fxaa import FXAA
 from .head_movement import DYNAMIC, HeadMovement

@@ -13,8 +13,8 @@ from ..filters import aliasing, neighborhood, same_surface, temporal
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import OFF_SCREEN, AbstractTemporal
-from .display_stages import Sharpening
+from ..technique_contract.base import OFF_SCREEN, AbstractTemporal
+from ..technique_contract.display_stages import Sharpening
 
 DEPTH_HISTORIES = ("same_pixel", "reprojected")
 _FEEDBACK = 0.925, 0.979  # weight of the past, least and largest

@@ -8,8 +8,8 @@ from .. import _checks, color, sample_patterns
 from .._types import Rgb
 from ..filters import downsampling
 from ..frames.frame import Frame
-from .base import SPACES, AbstractSpatial, mean_of_samples
-from .small_motion import AsRendered
+from ..technique_contract.base import SPACES, AbstractSpatial, mean_of_samples
+from ..technique_contract.small_motion import AsRendered
 
 FILTERS = ("box", "lanczos2")
 

@@ -10,8 +10,8 @@ from ..filters import neighborhood, temporal
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import OFF_SCREEN, AbstractTemporal
-from .display_stages import Sharpening
+from ..technique_contract.base import OFF_SCREEN, AbstractTemporal
+from ..technique_contract.display_stages import Sharpening
 
 _FEEDBACK = 0.925, 0.979  # weight of the past, least and largest
 _SPREAD_PX = 1.7

@@ -12,7 +12,7 @@ from ..filters.sample_store import Store
 from ..frames import sources
 from ..frames.frame import Frame
 from ..frames.motion import Motion
-from .base import SPACES, AbstractTemporal
+from ..technique_contract.base import SPACES, AbstractTemporal
 
 _ORDER = (0, 3, 1, 2)  # left upper, right lower, right upper, left lower
 

@@ -10,7 +10,7 @@ from ..filters import motion_blur, temporal
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import AbstractTemporal
+from ..technique_contract.base import AbstractTemporal
 
 _LARGEST_WEIGHT = 0.5
 _SENSITIVITY = 30.0  # per square root of a frame's width and height per frame

@@ -10,8 +10,8 @@ from ..filters import neighborhood, same_surface, temporal
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import AbstractTemporal
-from .display_stages import Sharpening
+from ..technique_contract.base import AbstractTemporal
+from ..technique_contract.display_stages import Sharpening
 
 _CURRENT_WEIGHT = 0.05
 

@@ -13,8 +13,8 @@ from ..camera import Camera
 from ..frames.motion import Motion
 from ..frames.texture import Texture
 from ..simulation.sharding import over_sessions
-from ..techniques.base import AbstractTechnique
-from ..techniques.small_motion import AsRendered, RecursiveBlend, SmallMotion
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.small_motion import AsRendered, RecursiveBlend, SmallMotion
 from .picture_statistics import PictureStatistics, cell_numbers
 from .prediction import predict_model
 

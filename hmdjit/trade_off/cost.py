@@ -23,7 +23,7 @@ from ..scenes.baking import bake
 from ..scenes.base import AbstractScene
 from ..simulation.session import fastest_reading
 from ..simulation.simulate import simulate
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 
 SIDE_PX, FRAMES = 512, 96  # so many that checks of the first do not count
 SOLIDS_SIDE_PX, SOLIDS_FRAMES = 128, 12
