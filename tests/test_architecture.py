@@ -138,7 +138,8 @@ FOLDERS = {
     ],
     "reproductions": [
         ("claims", "color_pairs", "eye", "two_colored"),
-        ("color_space_claims",),
+        ("color_space_claims", "kim_map"),
+        ("kim_claims",),
         ("*",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
