@@ -78,7 +78,11 @@ FOLDERS = {
         ("solids",),
         ("solid_set", "study_set"),
     ],
-    "filters": [("neighborhood",), ("edges",), ("*",)],  # of what lies around a pixel
+    "filters": [
+        ("neighborhood", "scattering"),
+        ("edges",),
+        ("*",),
+    ],  # of what lies around a pixel
     "metrics": [("base",), ("pictures",), ("*",), ("observers", "registry")],
     "techniques": [
         ("small_motion",),

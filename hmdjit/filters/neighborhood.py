@@ -75,6 +75,23 @@ def sharpened(planes: FloatPlanes, strength: float) -> FloatPlanes:
     return planes + strength * (4 * planes - ((above + below) + (left + right)))
 
 
+def gaussian_mean(
+    planes: FloatPlanes, center_px: Float[Array, "2"] | None, decay_px2: float
+) -> FloatPlanes:
+    """Mean of each 3 x 3 block, weighted by `exp(-decay distance^2)`.
+
+    **Arguments:** `center_px`: from where distances count, from the block's centre, px;
+    `decay_px2`: per px^2.
+    """
+    center = jnp.zeros(2, planes.dtype) if center_px is None else center_px
+    distance = jnp.arange(-1, 2, dtype=planes.dtype)[:, None] - center[None]
+    weights = jnp.exp(-decay_px2 * distance**2)
+    across, down = (weights / weights.sum(axis=0)[None]).T
+    at = around(planes, 1)
+    rows = [sum(across[i] * at(i - 1, dy) for i in range(3)) for dy in (-1, 0, 1)]
+    return sum(down[j] * rows[j] for j in range(3))
+
+
 class Box(NamedTuple):
     """Smallest and largest values around each pixel, plane by plane."""
 
@@ -86,9 +103,12 @@ class Box(NamedTuple):
         return Box((self.low + other.low) / 2, (self.high + other.high) / 2)
 
 
-def plus_and_block(planes: FloatPlanes) -> tuple[Box, Box]:
-    """Boxes of each pixel and its four neighbours, and of each 3 x 3 block."""
-    at = around(planes, 1)
+def plus_and_block(planes: FloatPlanes, *, margin_px: int = 0) -> tuple[Box, Box]:
+    """Boxes of each pixel and its four neighbours, and of each 3 x 3 block.
+
+    **Arguments:** `margin_px`: pixels around, 0 or 1, that are there to be read only.
+    """
+    at = reader(padded(planes, 1 - margin_px, 1 - margin_px), 1)
 
     def ends(extreme: Callable) -> tuple[FloatPlanes, FloatPlanes]:
         of = lambda *values: functools.reduce(extreme, values)
@@ -101,9 +121,9 @@ def plus_and_block(planes: FloatPlanes) -> tuple[Box, Box]:
     return Box(lows[0], highs[0]), Box(lows[1], highs[1])
 
 
-def rounded_box(planes: FloatPlanes) -> Box:
-    """Box midway between those of a plus and of a 3 x 3 block."""
-    plus, block = plus_and_block(planes)
+def rounded_box(planes: FloatPlanes, *, margin_px: int = 0) -> Box:
+    """Box midway between those of a plus and of a 3 x 3 block, see there."""
+    plus, block = plus_and_block(planes, margin_px=margin_px)
     return plus.halfway(block)
 
 

@@ -19,11 +19,15 @@ _LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
 _LEAST_LUMA = 0.2  # that a difference of luma is held against
 
 
-def unjittered(planes: FloatPlanes, jitter_px: Float[Array, "2"] | None) -> FloatPlanes:
+def unjittered(
+    planes: FloatPlanes, jitter_px: Float[Array, "2"] | None, *, margin_px: int = 0
+) -> Float[Array, "*planes rows columns"]:
     """Read a jittered frame where the content of each pixel's centre went.
 
     **Arguments:** `jitter_px`: of `Frame`, where its samples lie; None is the centre.
+    `margin_px`: pixels around the frame that are read, too.
     """
+    planes = neighborhood.padded(planes, margin_px, margin_px)
     return planes if jitter_px is None else neighborhood.shifted(planes, -jitter_px)
 
 
@@ -121,3 +125,33 @@ def feedback_weight(
     largest = jnp.maximum(jnp.maximum(current_luma, past_luma), _LEAST_LUMA)
     alike = 1 - jnp.abs(current_luma - past_luma) / largest
     return low + (high - low) * alike**2
+
+
+def likeness(speed: Plane, past_speed: Plane, sensitivity: float) -> Plane:
+    """How alike two speeds are: 1 where equal, by the root of their difference.
+
+    **Accuracy:** the slope where they are equal is chosen as 0.
+
+    **Source:** Jimenez et al., "SMAA", 2012, code of the resolve of two frames.
+    """
+    difference = jnp.abs(speed - past_speed)
+    is_zero = difference == 0
+    root = jnp.sqrt(jnp.where(is_zero, 1.0, difference))
+    return jnp.clip(1 - sensitivity * jnp.where(is_zero, 0.0, root), 0, 1)
+
+
+def resampling_variance(dx: Plane, dy: Plane) -> Plane:
+    """Variance that a bilinear read spreads a pixel by, mean of both axes, texels^2.
+
+    **Arguments:** displacement, texels, of which the fractions count.
+    """
+    x, y = dx - jnp.floor(dx), dy - jnp.floor(dy)
+    return (x * (1 - x) + y * (1 - y)) / 2
+
+
+def thesis_depth(depth: Plane) -> Plane:
+    """Depth as Oliveros' thesis compares it, `2 / (1 + 10000 / depth)`; 2 at infinity.
+
+    **Source:** code of the thesis, its planes at 1 and 10000.
+    """
+    return 2 / (1 + 1e4 / depth)

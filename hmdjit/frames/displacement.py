@@ -69,6 +69,10 @@ AT_REST = Reading("at_rest")
 class AbstractDisplacement(eqx.Module):
     """Where the sources of a region's pixels lie, px from each pixel's centre."""
 
+    camera: eqx.AbstractVar[Camera]
+    region: eqx.AbstractVar[Region]
+    reading: eqx.AbstractVar[Reading]
+
     @abc.abstractmethod
     def field(self) -> Callable[[], tuple[Plane, Plane]]:
         """Return `px` as a function, its scalars computed already."""
@@ -84,6 +88,25 @@ class AbstractDisplacement(eqx.Module):
     @abc.abstractmethod
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame and in front of the camera."""
+
+    @property
+    @abc.abstractmethod
+    def _known_span(self) -> Float[Array, "2 2"] | None:
+        """Return `span` if no plane has to be looked at for it."""
+
+    def changed(
+        self,
+        change_x: Callable[[Numbers], Numbers],
+        change_y: Callable[[Numbers], Numbers],
+    ) -> "DisplacementField":
+        """Return it with both parts changed, px, each by a monotone function."""
+        dx, dy = self.px()
+        span = self._known_span
+        if span is not None:
+            ends = [change_x(span[:, 0]), change_y(span[:, 1])]
+            span = jnp.sort(jnp.stack(ends, axis=1), axis=0)
+        field = (self.camera, self.region, change_x(dx), change_y(dy))
+        return DisplacementField(*field, span, self.reading)
 
     @property
     @abc.abstractmethod
@@ -125,6 +148,10 @@ class DisplacementField(AbstractDisplacement):
             return self.bounds
         ends = [[f(self.dx), f(self.dy)] for f in (jnp.min, jnp.max)]
         return jnp.stack([jnp.stack(end) for end in ends])
+
+    @property
+    def _known_span(self) -> Float[Array, "2 2"] | None:
+        return self.bounds
 
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame."""
@@ -221,6 +248,10 @@ class Displacement(AbstractDisplacement):
         extent = extent + 8 * jnp.finfo(slope.dtype).eps * (jnp.abs(offset) + extent)
         span = jnp.stack([offset - extent, offset + extent])
         return span if self.sample_px is None else span + self.sample_px[None]
+
+    @property
+    def _known_span(self) -> Float[Array, "2 2"]:
+        return self.span()
 
     def _exact_span(self) -> Float[Array, "2 2"]:
         """Return `span` without approximation."""

@@ -6,8 +6,10 @@ reads, `registry` knows ids. The arithmetic of Kim et al. is in `reprojection` a
 """
 
 from . import curve_file as curve_file
+from .amortized import Amortized as Amortized
 from .base import AbstractSpatial as AbstractSpatial
 from .base import AbstractTechnique as AbstractTechnique
+from .base import AbstractTemporal as AbstractTemporal
 from .check import check as check
 from .display_stages import AbstractStage as AbstractStage
 from .display_stages import Displayed as Displayed
@@ -16,6 +18,8 @@ from .display_stages import Sharpening as Sharpening
 from .freeze import Freeze as Freeze
 from .fxaa import FXAA as FXAA
 from .head_movement import HeadMovement as HeadMovement
+from .inside import Inside as Inside
+from .karis import Karis as Karis
 from .morphological import MLAA as MLAA
 from .morphological import SMAA as SMAA
 from .registry import IDS as IDS
@@ -24,3 +28,7 @@ from .spatial import MSAA as MSAA
 from .spatial import SSAA as SSAA
 from .spatial import AccumulationBuffer as AccumulationBuffer
 from .spatial import NoAntialiasing as NoAntialiasing
+from .thesis_baseline import ThesisBaseline as ThesisBaseline
+from .tidoaa import TIDOAA as TIDOAA
+from .two_frame import TwoFrame as TwoFrame
+from .uncharted4 import Uncharted4 as Uncharted4

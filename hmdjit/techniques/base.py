@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .. import color, sample_patterns
+from .. import _checks, color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -36,6 +36,7 @@ from .small_motion import SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
+OFF_SCREEN = ("clamp", "reject")
 _UNROLLED = 16  # samples that are added without a loop
 
 
@@ -51,6 +52,11 @@ class AbstractTechnique(eqx.Module):
     def needs(self) -> frozenset[str]:
         """Channels of a frame that are read; a scene must give them."""
         return frozenset({"color"})
+
+    @property
+    def reads_steps(self) -> bool:
+        """Whether it reads `Frame.steps`, so that no velocity stands for them."""
+        return False
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -144,6 +150,9 @@ class AbstractTemporal(AbstractTechnique):
     """
 
     jitter: eqx.AbstractVar[bool]
+
+    def __check_init__(self):
+        _checks.boolean("jitter", self.jitter)
 
     @property
     @abc.abstractmethod

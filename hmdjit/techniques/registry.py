@@ -10,13 +10,20 @@ from itertools import product
 
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from . import curve_file, fxaa, morphological
-from .base import SPACES, AbstractSpatial, AbstractTechnique
+from .amortized import Amortized
+from .base import OFF_SCREEN, SPACES, AbstractSpatial, AbstractTechnique
 from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
 from .freeze import Freeze
 from .fxaa import FXAA
 from .head_movement import HeadMovement
+from .inside import Inside
+from .karis import Karis
 from .morphological import EDGES, MLAA, SMAA
 from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
+from .thesis_baseline import ThesisBaseline
+from .tidoaa import TIDOAA
+from .two_frame import TwoFrame
+from .uncharted4 import Uncharted4
 
 IDS = (
     "none",
@@ -30,6 +37,8 @@ IDS = (
     "mlaa",
     *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
+    *("amortized", "amortized_subpixel", "two_frame", "inside", "inside_ycocg"),
+    *("thesis_baseline", "uncharted4", "karis", "tidoaa", "tidoaa_subcell"),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
 `head_movement+ssaa2` stacks, `head_movement:curve.toml` reads a file. All that mix
@@ -38,6 +47,7 @@ stage of display, `none+sharpen`."""
 
 _SSAA = r"ssaa([1-9]\d?)(?:_(lanczos2)(?:_taps(11))?)?(?:_(gamma))?"
 
+_BOTH, _ENDS = (False, True), OFF_SCREEN
 _NAMED: dict[str, AbstractTechnique] = {
     technique.id: technique
     for technique in (
@@ -47,6 +57,11 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+        *(TIDOAA(*choices) for choices in product(_BOTH, SPACES, _BOTH)),
+        *(Amortized(fine, jitter=moves) for fine, moves in product(_BOTH, _BOTH)),
+        *(Inside(*choices) for choices in product(_BOTH, _BOTH, _ENDS, _BOTH)),
+        *(ThesisBaseline(*choices) for choices in product(_ENDS, _BOTH)),
+        *(kind(jitter) for kind in (TwoFrame, Uncharted4, Karis) for jitter in _BOTH),
     )
 }
 
