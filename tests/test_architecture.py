@@ -141,8 +141,8 @@ FOLDERS = {
         ("table",),
     ],
     "reproductions": [
-        ("claims", "color_pairs", "eye", "two_colored"),
-        ("color_space_claims", "kim_map"),
+        ("claims", "color_pairs", "eye", "two_colored", "kept", "played", "timing"),
+        ("color_space_claims", "kim_map", "tidoaa_claims"),
         ("kim_claims",),
         ("*",),
     ],

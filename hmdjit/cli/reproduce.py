@@ -15,14 +15,14 @@ from ..figures import kim as kim_figures
 from ..figures import reproduce as figure
 from ..figures.drawing import save
 from ..reports import reproduce as report
-from ..reproductions import color_space, kim
+from ..reproductions import color_space, kim, tidoaa
 from ..studies.identity import counted
 from ..studies.study import check_seed
 from .options import OK, Seed, check_can_write, shown
 from .progress import Display
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want
-PAPERS: dict[str, Any] = {"kim": kim, "colour-space": color_space}
+PAPERS: dict[str, Any] = {"kim": kim, "tidoaa": tidoaa, "colour-space": color_space}
 _FIGURES: dict[str, Any] = {"kim": kim_figures.draw}  # beside that of the claims
 ALL = "all"
 
@@ -41,6 +41,7 @@ class ReproduceCommand:
         shown(
             "PAPER",
             "kim: head-movement based anti-aliasing against MSAA (Kim et al.); "
+            "tidoaa: samples at twice the resolution, by rotation speed; "
             "colour-space: anti-aliasing in linear light against gamma, box against "
             "Lanczos filter (Maruszczuk et al.); all of them.",
         ),

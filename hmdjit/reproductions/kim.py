@@ -7,7 +7,6 @@ edges to smooth. What of their figure depends on the head is drawn as a map.
 """
 
 import os
-import time
 from pathlib import Path
 
 import jax
@@ -28,7 +27,6 @@ from ..metrics import MTCD
 from ..rendering import render
 from ..scenes.baking import bake
 from ..simulation.apply import apply
-from ..simulation.simulate import simulate
 from ..studies.progress import Progress, Tell
 from ..studies.study import Study
 from ..techniques import MSAA, HeadMovement, NoAntialiasing
@@ -44,6 +42,7 @@ from .kim_claims import (
     figure_3,
     means,
 )
+from .timing import times
 
 TITLE = "Head-movement based temporal anti-aliasing (Kim et al.)"
 CAMERA = Camera()
@@ -136,21 +135,10 @@ def _map(
 
 
 def cost_share(repeats: int = 7) -> Interval:
-    """Time that ours adds to a frame, over that of rendering it; interleaved runs."""
+    """Time that ours adds to a frame, over that of rendering it."""
     camera = Camera(TIMED_PX, TIMED_PX, 60.0, 60.0)
-    scene = known.solid_set()[TIMED]
-    poses = HeadMotion.fixating().sample(jax.random.key(0), 60.0, 12)
-
-    def seconds(technique: NoAntialiasing | HeadMovement) -> float:
-        start = time.perf_counter()
-        found = simulate(scene, camera, technique, poses, metrics=(MTCD(),))
-        found.mtcd.block_until_ready()
-        return time.perf_counter() - start
-
     both = NoAntialiasing(), HeadMovement()
-    for technique in both:  # the first run compiles
-        seconds(technique)
-    plain, ours = np.array([[seconds(t) for t in both] for _ in range(repeats)]).T
+    plain, ours = times(known.solid_set()[TIMED], camera, both, repeats).T
     return student_interval(mean_of(ours / plain - 1))
 
 
