@@ -140,8 +140,9 @@ FOLDERS = {
         ("table",),
     ],
     "reproductions": [
-        ("claims", "color_pairs", "eye", "two_colored"),
-        ("color_space_claims",),
+        ("claims", "color_pairs", "eye", "two_colored", "kept", "played", "timing"),
+        ("color_space_claims", "kim_map", "tidoaa_claims"),
+        ("kim_claims",),
         ("*",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
