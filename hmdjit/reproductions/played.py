@@ -17,7 +17,7 @@ from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, View
 from ..simulation.session import fastest_reading
 from ..simulation.views import Pattern, Renderer
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 
 START_EVERY = 48  # frames: all patterns of samples begin anew
 
