@@ -4,6 +4,7 @@
 """
 
 import functools
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, DTypeLike, Float, Int
@@ -16,6 +17,30 @@ from .neighborhood import Box
 DEPTH_RANGES = ("paper", "code")
 _OF_ALBEDO, _OF_LIGHT = 0.3, 0.7  # how much edges count, beside those of depth
 _LEAST_RANGE = 0.002  # of depth: less is no edge
+
+
+class Intermediates(NamedTuple):
+    """What a frame's picture is made of, as images.
+
+    - `sobel`: strength of edges, jittered as the frame is, in `[0, 1]`.
+    - `temporal_sobel`: the same, un-jittered and accumulated.
+    - `model_average`: share of other models around each pixel, in `[0, 8/9]`.
+    - `depth_variation`, `past_depth_variation`: how far the depth of the pixel, now and
+      in the past, is off what is around it.
+    - `aliased`: how aliased each pixel may be, in `[0, 1]`.
+    - `current`, `past`: colours, un-jittered; of the past before it is clipped.
+    - `depth`: un-jittered, to be kept.
+    """
+
+    sobel: Plane
+    temporal_sobel: Plane
+    model_average: Plane
+    depth_variation: Plane
+    past_depth_variation: Plane
+    aliased: Plane
+    current: Rgb
+    past: Rgb
+    depth: Plane
 
 
 def edge_strength(lit: Rgb, albedo: Rgb, depth: Plane) -> Plane:

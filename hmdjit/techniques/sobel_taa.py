@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import _checks, color, sample_patterns
-from .._types import Plane, Rgb
+from .._types import Rgb
 from ..filters import aliasing, neighborhood, same_surface, temporal
+from ..filters.aliasing import Intermediates
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
@@ -30,30 +31,6 @@ class Kept(NamedTuple):
 
     shown: History
     depth: History
-
-
-class Intermediates(NamedTuple):
-    """What a frame's picture is made of, as images.
-
-    - `sobel`: strength of edges, jittered as the frame is, in `[0, 1]`.
-    - `temporal_sobel`: the same, un-jittered and accumulated.
-    - `model_average`: share of other models around each pixel, in `[0, 8/9]`.
-    - `depth_variation`, `past_depth_variation`: how far the depth of the pixel, now and
-      in the past, is off what is around it.
-    - `aliased`: how aliased each pixel may be, in `[0, 1]`.
-    - `current`, `past`: colours, un-jittered; of the past before it is clipped.
-    - `depth`: un-jittered, to be kept.
-    """
-
-    sobel: Plane
-    temporal_sobel: Plane
-    model_average: Plane
-    depth_variation: Plane
-    past_depth_variation: Plane
-    aliased: Plane
-    current: Rgb
-    past: Rgb
-    depth: Plane
 
 
 class SobelTAA(AbstractTemporal):
@@ -143,9 +120,8 @@ class SobelTAA(AbstractTemporal):
     def intermediates(self, state: Kept, frame: Frame, motion: Motion) -> Intermediates:
         """Return what the picture of a frame is made of."""
         at = temporal.unjittered_reprojection(frame, motion)
-        clamps, aside = self.off_screen == "clamp", None
-        if frame.jitter_px is not None:
-            aside = -frame.jitter_px
+        clamps = self.off_screen == "clamp"
+        aside = None if frame.jitter_px is None else -frame.jitter_px
         depth = temporal.thesis_depth(frame.depth)
         sobel = aliasing.edge_strength(frame.color[0], frame.albedo, depth)
 
@@ -170,19 +146,10 @@ class SobelTAA(AbstractTemporal):
             past_depth = jnp.where(is_known, past_depth, depth)
         else:
             (past_depth,) = state.depth.under(frame.region)
-        terms = aliasing.depth_terms(depths, past_depth, self.depth_range)
-        terms, aliased = neighborhood.apart(
-            lambda: (terms, aliasing.aliased_value(temporal_sobel, models, *terms)),
-            current,
+        varies, past_varies = aliasing.depth_terms(depths, past_depth, self.depth_range)
+        terms = models, varies, past_varies
+        *terms, aliased = neighborhood.apart(
+            lambda: (*terms, aliasing.aliased_value(temporal_sobel, *terms)), current
         )
-        return Intermediates(
-            sobel,
-            temporal_sobel,
-            models,
-            terms[0],
-            terms[1],
-            aliased,
-            current,
-            past[:3],
-            depth,
-        )
+        seen = (sobel, temporal_sobel, *terms, aliased, current, past[:3], depth)
+        return Intermediates._make(seen)
