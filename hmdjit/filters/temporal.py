@@ -152,15 +152,6 @@ def likeness(speed: Plane, past_speed: Plane, sensitivity: float) -> Plane:
     return jnp.clip(1 - sensitivity * jnp.where(is_zero, 0.0, root), 0, 1)
 
 
-def resampling_variance(dx: Plane, dy: Plane) -> Plane:
-    """Variance that a bilinear read spreads a pixel by, mean of both axes, texels^2.
-
-    **Arguments:** displacement, texels, of which the fractions count.
-    """
-    x, y = dx - jnp.floor(dx), dy - jnp.floor(dy)
-    return (x * (1 - x) + y * (1 - y)) / 2
-
-
 def thesis_depth(depth: Plane) -> Plane:
     """Depth as Oliveros' thesis compares it, `2 / (1 + 10000 / depth)`; 2 at infinity.
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import _checks, sample_patterns
 from .._types import Mask, Planes, Rgb, Scalar
-from ..filters import same_surface, temporal
+from ..filters import running_mean, same_surface, temporal
 from ..frames.displacement import AnyDisplacement
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -135,14 +135,8 @@ class Amortized(AbstractTemporal):
 
     def _taken(self, past: Planes, at: AnyDisplacement, frame: Frame) -> Planes:
         """Take the sample into a past; colour and age."""
-        color, age = past[:3], past[3] + 1
-        blur = temporal.resampling_variance(*at.px())
-        least = jnp.maximum(blur / (blur + self.blur_limit_px2), self.min_weight)
-        weight = jnp.maximum(1 / age, least)
-        color = color + weight[None] * (frame.color[0] - color)
-        # min(N + 1, 1 / min_weight), also of 0.
-        age = age / jnp.maximum(age * self.min_weight, 1)
-        return jnp.concatenate([color, age[None]])
+        limits = self.blur_limit_px2, self.min_weight
+        return running_mean.with_sample(past, frame.color[0], at, *limits)
 
     def _cell(
         self,
