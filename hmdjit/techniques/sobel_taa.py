@@ -106,10 +106,13 @@ class SobelTAA(AbstractTemporal):
         """Blend in the past, clipped to a box that is as large as aliasing may be."""
         seen = self.intermediates(state, frame, motion)
         around = temporal.unjittered(frame.color[0], frame.jitter_px, margin_px=1)
-        plus, block = neighborhood.plus_and_block(around, margin_px=1)
-        box = aliasing.narrowed(plus, block, seen.current, seen.aliased)
-        box = neighborhood.apart(lambda: box, seen.current)
-        past = temporal.clip_to_center(seen.past, box)
+
+        def clipped() -> Rgb:
+            boxes = neighborhood.plus_and_block(around, margin_px=1)
+            box = aliasing.narrowed(*boxes, seen.current, seen.aliased)
+            return temporal.clip_to_center(seen.past, box)
+
+        past = neighborhood.apart(clipped, seen.current)
         lumas = color.to_ycocg(seen.current)[0], color.to_ycocg(past)[0]
         weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
         shown = seen.current + weight[None] * (past - seen.current)
