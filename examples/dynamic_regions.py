@@ -101,7 +101,8 @@ def rendered(source: Solids, motion: Motion) -> Rendered:
 
     k = jnp.arange(WARMUP + FRAMES, dtype=jnp.int32)
     held = jax.tree.map(lambda leaf: leaf[HELD], (k, motion))
-    return Rendered(*jax.lax.map(look, (k, motion)), jax.lax.map(hold, held))
+    colors, seen = jax.lax.map(look, (k, motion))
+    return Rendered(colors, seen, jax.lax.map(hold, held))
 
 
 def advance(carry: tuple, now: tuple[Array, Array, Motion]) -> tuple:

@@ -35,7 +35,14 @@ STUDY = "default_study_ratios.png"
 """Picture of `hmdjit study` as it is."""
 SCENES = "scenes.png"
 """Picture of `contact_sheet.py`."""
-OF_THE_MODEL = ("fitted_curves", "heads", "sensitivities", "static_edges")
+OF_THE_MODEL = (
+    "all_techniques",
+    "fitted_curves",
+    "ghosting",
+    "heads",
+    "sensitivities",
+    "static_edges",
+)
 OF_THE_MODEL += ("techniques", "time_to_one_percent", "trade_off")
 """Pages whose numbers another model changes; others tell errors and speed."""
 

@@ -129,6 +129,12 @@ def whole(name: str, value: Any, low: int) -> None:
         raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}.")
 
 
+def boolean(name: str, value: Any) -> None:
+    """Raise unless a value is True or False: a word, or None, would pass as one."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}.")
+
+
 def random_key(key: Any) -> None:
     """Raise unless a value is one random key of JAX's, of the new style or the old."""
     dtype, shape = getattr(key, "dtype", None), getattr(key, "shape", None)

@@ -37,7 +37,9 @@ def render(
     view = View(camera, region, motion, frame, reading)
     seen = source.seen(view, samples_px, channels)
     (color,) = (seen.pop(name) for name in (INSTEAD_OF_COLOR | COLOR) & set(channels))
-    return Frame(color, camera, region, None, reading, seen)
+    # Nobody computes what a technique does not read.
+    steps = source.steps(view) if "velocity" in channels else None
+    return Frame(color, camera, region, None, reading, seen, steps=steps)
 
 
 def reference(

@@ -10,8 +10,8 @@ from small import quickly
 import hmdjit as hj
 from hmdjit import color, rendering, sample_patterns, techniques
 from hmdjit.frames.displacement import GATHER, Reading
+from hmdjit.technique_contract.base import mean_of_samples
 from hmdjit.techniques import AccumulationBuffer, HeadMovement, NoAntialiasing
-from hmdjit.techniques.base import mean_of_samples
 
 
 def errors(count, picture, exact):

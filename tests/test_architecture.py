@@ -29,6 +29,7 @@ LINES = [
     ("scenes",),
     ("rendering",),
     ("metrics",),
+    ("technique_contract",),
     ("techniques",),
     ("simulation",),
     ("theory",),
@@ -78,17 +79,19 @@ FOLDERS = {
         ("solids",),
         ("solid_set", "study_set"),
     ],
-    "filters": [("neighborhood",), ("edges",), ("*",)],  # of what lies around a pixel
+    "filters": [
+        ("neighborhood", "scattering"),
+        ("edges",),
+        ("*",),
+    ],  # of what lies around a pixel
     "metrics": [("base",), ("pictures",), ("*",), ("observers", "registry")],
-    "techniques": [
+    "technique_contract": [
         ("small_motion",),
         ("base",),
-        ("contract", "stencil", "display_stages"),
+        ("shapes", "stencil", "display_stages"),
         ("check",),
-        ("*",),
-        ("curve_file",),
-        ("registry",),
     ],
+    "techniques": [("*",), ("curve_file",), ("registry",)],
     "simulation": [
         ("blocks", "sharding", "rendered", "pose_fit"),
         ("halo", "views", "apply"),
@@ -115,7 +118,7 @@ FOLDERS = {
         ("study",),
     ],
     "trade_off": [
-        ("settings",),
+        ("settings", "cost"),
         ("bench", "knobs"),
         ("trade_off",),
         ("measurement", "choice"),
@@ -137,8 +140,9 @@ FOLDERS = {
         ("table",),
     ],
     "reproductions": [
-        ("claims", "color_pairs", "eye", "two_colored"),
-        ("color_space_claims",),
+        ("claims", "color_pairs", "eye", "two_colored", "kept", "played", "timing"),
+        ("color_space_claims", "kim_map", "tidoaa_claims"),
+        ("kim_claims",),
         ("*",),
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
@@ -243,7 +247,7 @@ def test_imports_point_backwards():
         ("camera", "from hmdjit import frames", True),
         ("camera", "def late():\n    from . import frames", True),
         ("camera", "from . import __version__", True),
-        ("techniques.spatial", "from .base import AbstractTechnique", False),
+        ("techniques.spatial", "from ..technique_contract import base", False),
         ("techniques.spatial", "from . import freeze", True),
         ("techniques.spatial", "from .freeze import Freeze", True),
         ("techniques.spatial", "from ..techniques import Freeze", True),
@@ -264,7 +268,7 @@ def test_the_check_itself(importer, line, is_wrong):
         "camera",
         "frames",
         "frames.frame",
-        "techniques.base",
+        "technique_contract.base",
         "techniques.freeze",
     ]
     names += ["scenes.patterns", "scenes.study_set"]

@@ -15,8 +15,8 @@ from hmdjit.frames.displacement import GATHER, SLICES, Reading
 from hmdjit.frames.sources import History
 from hmdjit.simulation import blocks, session
 from hmdjit.simulation.blocks import Blocks
+from hmdjit.technique_contract.base import AbstractTechnique
 from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
-from hmdjit.techniques.base import AbstractTechnique
 
 # --- cutting ---
 

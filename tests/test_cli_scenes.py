@@ -8,7 +8,8 @@ import small
 from PIL import Image
 
 import hmdjit as hj
-from hmdjit.cli import definition, main
+from hmdjit.cli import definition, main, render
+from hmdjit.trade_off import cost
 
 PICTURE = hj.scenes.uniform(name="grey")
 KNOWN = {"grey": PICTURE}
@@ -38,6 +39,34 @@ def test_scenes_are_listed_with_what_they_give(capsys):
     assert "solids   2 objects, 2 primitives" in fence
     assert "moves" in fence
     assert {"depth", "object_id", "velocity"} <= set(fence.split("gives")[1].split())
+
+
+def test_techniques_are_listed_with_all_there_is_to_know(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    assert main.run(["techniques"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    known = {row[0]: " ".join(row[1:]) for row in rows[2:] if row}
+    assert [*known][: len(hj.techniques.IDS)] == [*hj.techniques.IDS]
+    assert known["none"] == "- no 1 color"
+    assert known["smaa"] == "Jimenez et al. 2012 no 1 color"
+    assert known["accumulation16"] == "Oliveros 2018 no 16 color"
+    assert main.run(["techniques", "fxa"]) == 2
+    assert "Did you mean 'fxaa'?" in capsys.readouterr().err
+
+
+def test_costs_are_measured(capsys, monkeypatch):
+    sizes = {"SIDE_PX": 32, "FRAMES": 3, "SOLIDS_SIDE_PX": 32, "SOLIDS_FRAMES": 2}
+    for name, size in sizes.items():
+        monkeypatch.setattr(cost, name, size)
+    monkeypatch.setattr(definition.scenes, "study_set", lambda: {"coffee": PICTURE})
+    monkeypatch.setattr(render, "fence", small.solids)
+    assert main.run(["techniques", "none", "--cost"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (row,) = [line.split() for line in lines if line.startswith("none ")]
+    assert float(row[-2]) > 0
+    assert row[-1] == "0"
+    found = cost.channels_ns(small.solids(), {"color", "depth"}, 1)
+    assert np.isfinite(found)
 
 
 def test_a_study_mixes_solids_pictures_and_files(picture):

@@ -9,7 +9,7 @@ import small
 
 import hmdjit as hj
 from hmdjit.frames.sources import History
-from hmdjit.techniques.contract import check_contract
+from hmdjit.technique_contract.shapes import check_contract
 
 STEPS = {
     "right": lambda past, now: (past, now),

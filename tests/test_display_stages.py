@@ -25,6 +25,7 @@ from hmdjit.frames.displacement import Reading
 from hmdjit.frames.sources import History
 from hmdjit.simulation.halo import needed_halo_px
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
+from hmdjit.technique_contract.check import check_hints
 from hmdjit.techniques import (
     FXAA,
     SSAA,
@@ -35,7 +36,6 @@ from hmdjit.techniques import (
     NoAntialiasing,
     Sharpening,
 )
-from hmdjit.techniques.check import check_hints
 
 STAGES = {
     "thesis": Sharpening(),

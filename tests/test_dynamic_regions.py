@@ -12,8 +12,8 @@ from hmdjit.filters import dynamic_regions
 from hmdjit.frames.frame import Frame
 from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import History
+from hmdjit.technique_contract.stencil import found_stencil_px
 from hmdjit.techniques import SSAA, HeadMovement, curve_file
-from hmdjit.techniques.stencil import found_stencil_px
 
 WIDTH, HEIGHT, FRAMES = small.WIDTH, small.HEIGHT, 6
 FROM_FRAMES = HeadMovement(dynamic="frames")

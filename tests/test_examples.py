@@ -23,11 +23,18 @@ PICTURES = {
 }
 SMALL = ("--width", "64", "--height", "64", "--fov", "8")
 PAGES = {
+    "all_techniques": (
+        *("--pictures", "noise", "--solids", "pipe", "--grid-scenes", "noise"),
+        *("--sessions", "4", "--solid-sessions", "2", "--grid-sessions", "4"),
+        *("--presets", "fixating", "--rates", "60", "--temporal", "karis"),
+        *("--keep", "{keep}"),
+    ),
     "envelope": ("--csv", str(EXAMPLES / "envelope.csv")),
     "fitted_curves": (
         *("--heads", "fixating", "--rates", "60", "--scenes", "checkerboard"),
         *("--held-out", "none", "--sessions", "16", *SMALL),
     ),
+    "ghosting": ("--side", "16", "--techniques", "none", "karis"),
     "heads": (
         *("--traces", "{traces}", "--presets", "--order", "0"),
         *("--scenes", "noise", "--sessions", "4"),
@@ -86,7 +93,12 @@ def inputs(tmp_path_factory):
     speed.write_text(json.dumps({"rivals": entries}), encoding="utf-8")
     readme = folder / "README.md"
     shutil.copy(EXAMPLES.parent / "README.md", readme)
-    return {"traces": traces, "speed": speed, "readme": readme}
+    return {
+        "traces": traces,
+        "speed": speed,
+        "readme": readme,
+        "keep": folder / "keep",
+    }
 
 
 def test_every_example_is_run():
@@ -135,7 +147,7 @@ def test_the_readmes_pictures_are_of_this_model(pages):
     assert not pages.is_old(EXAMPLES / pages.SCENES)
 
 
-LONG = {"heads", "fitted_curves"}  # minutes, in their smallest form
+LONG = {"heads", "fitted_curves", "all_techniques"}  # minutes, in their smallest form
 MARKED = [
     pytest.param(n, marks=[pytest.mark.exhaustive if n in LONG else pytest.mark.slow])
     for n in PAGES

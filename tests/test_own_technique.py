@@ -158,7 +158,7 @@ def test_a_wrong_hint_is_an_error(technique, hint):
 
 @pytest.mark.parametrize("radius", [1, 3])
 def test_a_stencil_is_found(radius):
-    from hmdjit.techniques.stencil import stencil_radius_px
+    from hmdjit.technique_contract.stencil import stencil_radius_px
 
     assert stencil_radius_px(Blur(radius)) == radius
     assert stencil_radius_px(Average()) == 0

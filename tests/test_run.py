@@ -21,7 +21,7 @@ from hmdjit.studies import runner as batches
 from hmdjit.studies import stage
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.techniques.base import AbstractSpatial
+from hmdjit.technique_contract.base import AbstractSpatial
 
 CAMERA = small.CAMERA_8_PX_PER_DEG
 IDS = ("none", "msaa4", "head_movement", "freeze", "ssaa4")

@@ -29,8 +29,8 @@ from hmdjit.studies.failures import FailedSessionsError
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.studies.runner import Runner
 from hmdjit.studies.sessions import Sessions, session_keys, study_key
+from hmdjit.technique_contract.base import AbstractSpatial, AbstractTechnique
 from hmdjit.techniques import HeadMovement, NoAntialiasing
-from hmdjit.techniques.base import AbstractSpatial, AbstractTechnique
 
 # People who sit still move this camera's picture by some 0.2 px per frame.
 CAMERA = hj.Camera(width_px=8, height_px=6, fov_deg=0.6, refresh_hz=60.0)

@@ -24,7 +24,7 @@ from hmdjit.studies import sampler as samples
 from hmdjit.studies import sequential as until
 from hmdjit.studies.failures import FailedSessionsError, Failures
 from hmdjit.studies.measured_blocks import CentralCrop, Tiles, WholeFrame
-from hmdjit.techniques import Freeze, HeadMovement, NoAntialiasing
+from hmdjit.techniques import FXAA, Freeze, HeadMovement, NoAntialiasing
 from hmdjit.theory.control_variates import control_of
 
 HEAD = models(person_sd=0.17)["A"]
@@ -102,13 +102,13 @@ def _simulated(scene, texture, batch):
     return np.stack([np.stack([2 * path + 0.2 * rest, path - 0.1 * rest])] * 2)
 
 
-def _until(goal, clock, monkeypatch):
+def _until(goal, clock, monkeypatch, pair=PAIR):
     """Run a scene until a goal, with a clock of one's own."""
     for module in (until, samples):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock))
     paths = Numbered()
     sampler = FakeSampler(
-        PAIR, Numbered(), paths, Predictions(PAIR), _simulated, lambda event: None
+        pair, Numbered(), paths, Predictions(pair), _simulated, lambda event: None
     )
     failures = Failures(False, 6.0, None)
     scene = until.Until(goal, sampler, 0, 2, failures).scene
@@ -130,6 +130,15 @@ def test_a_tolerance_asks_no_clock(untyped, monkeypatch):
     mean = one.estimate(0, "omit")
     assert mean.value == pytest.approx(8.0, abs=4 * mean.standard_error)
     assert interim_level(1) * mean.standard_error <= 0.01 * mean.value
+
+
+def test_what_no_theory_knows_is_predicted_as_rendered(untyped, monkeypatch):
+    pair = (NoAntialiasing(), FXAA())
+    clock = lambda: 0.0
+    _, plan = _until(until.Goal(tolerance=0.01), clock, monkeypatch, pair)
+    assert "no theory of fxaa: predicted as rendered" in str(plan)
+    _, plan = _until(until.Goal(tolerance=0.01), clock, monkeypatch)
+    assert "no theory" not in str(plan)
 
 
 def test_without_a_control_variate_the_plan_says_so(untyped):

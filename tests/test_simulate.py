@@ -18,8 +18,8 @@ from hmdjit.curves import Cosine, Spline
 from hmdjit.frames.displacement import GATHER
 from hmdjit.simulation import session
 from hmdjit.simulation.halo import HALO_TOLERANCE, needed_halo_px
+from hmdjit.technique_contract.base import AbstractTechnique
 from hmdjit.techniques import MSAA, SSAA, Freeze, HeadMovement, NoAntialiasing
-from hmdjit.techniques.base import AbstractTechnique
 
 
 @jax.jit

@@ -19,8 +19,8 @@ from hmdjit.simulation.session import fastest_reading
 from hmdjit.studies import identity
 from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.studies.store import fingerprint
+from hmdjit.technique_contract.base import AbstractTechnique
 from hmdjit.techniques import MSAA, NoAntialiasing
-from hmdjit.techniques.base import AbstractTechnique
 
 CAMERA = small.CAMERA_8_PX_PER_DEG
 HEAD = hj.HeadMotion.fixating()

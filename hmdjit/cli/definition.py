@@ -21,8 +21,8 @@ from ..studies.definition import StudyScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
 from ..studies.sequential import Goal
 from ..studies.study import Study, check_seed
+from ..technique_contract.base import AbstractTechnique
 from ..techniques import curve_file
-from ..techniques.base import AbstractTechnique
 from .options import HEAD as HEAD
 from .options import TECHNIQUES, PoseLog, spoken
 from .options import Options as Options

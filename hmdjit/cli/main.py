@@ -19,7 +19,7 @@ from .fit import FitCommand
 from .head import HeadCommand
 from .options import FAILED, OK, WRONG_INPUT, as_option
 from .options import INTERRUPTED as INTERRUPTED
-from .render import RenderCommand, ScenesCommand
+from .render import RenderCommand, ScenesCommand, TechniquesCommand
 from .reproduce import ReproduceCommand
 from .study import StudyCommand
 from .trade_off import PickCommand, TradeOffCommand
@@ -34,6 +34,7 @@ COMMANDS: dict[str, Any] = {
     "envelope": EnvelopeCommand,
     "reproduce": ReproduceCommand,
     "scenes": ScenesCommand,
+    "techniques": TechniquesCommand,
     "render": RenderCommand,
 }
 SPELLED = "hmdjit-spelled"

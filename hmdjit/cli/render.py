@@ -1,9 +1,10 @@
-"""The command line's `hmdjit scenes` and `hmdjit render`: what there is to be seen."""
+"""The command line's `hmdjit scenes`, `techniques` and `render`: what there is."""
 
 import dataclasses
-from functools import partial
+import functools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ import rich.console
 import tyro
 from jaxtyping import Array, Shaped
 
-from .. import _checks, techniques
+from .. import _checks, scenes, techniques
 from .._files import written_atomically
 from .._types import Rgb
 from ..camera import Camera, Region
@@ -21,17 +22,22 @@ from ..frames.motion import Motion
 from ..frames.sources import AbstractSource
 from ..frames.texture import Texture
 from ..rendering import render
+from ..reports import tables
 from ..scenes.baking import bake
+from ..scenes.solid_set import fence
 from ..scenes.solids import Solids
 from ..simulation.session import fastest_reading
 from ..simulation.simulate import check_gives
 from ..simulation.views import Pattern, Renderer
 from ..studies.definition import StudyScene
 from ..studies.identity import counted
-from ..techniques.base import AbstractTechnique
+from ..studies.progress import Progress
+from ..technique_contract.base import AbstractTechnique
+from ..trade_off import cost
 from . import definition
 from .frame_files import Codes, codes
 from .options import OK, Fov, Height, Width, check_can_write, shown
+from .progress import Display
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +55,74 @@ class ScenesCommand:
             gives = " ".join(sorted(scene.gives))
             console.out(f"{name:16} {kind:8} {size:26} {moves:6} gives {gives}")
         return OK
+
+
+_COMPOSED = """\
+An id says what is not a technique's default: ssaa6, accumulation64, fxaa25, smaa_ultra;
+_gamma or _linear, where colours are mixed; _no_jitter, last, where samples would move.
+head_movement+ssaa2 resolves the samples of another first, head_movement:FILE.toml has
+numbers from a file; none+sharpen is a stage of display, which follows any of them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TechniquesCommand:
+    """List the techniques that have an id: whose, how they sample, what they need.
+
+    Jitter is optional where a frame's samples lie elsewhere than in the last one unless
+    the id says no. A study takes any of them by `--techniques`.
+    """
+
+    ids: Annotated[
+        tyro.conf.Positional[tuple[str, ...]],
+        shown("[ID...]", "Ids, any that there are (default: all that are listed)."),
+    ] = ()
+    cost: Annotated[
+        bool,
+        shown(
+            "",
+            "Measure, some seconds each: ns per pixel and frame of a picture, rendered "
+            "and measured by MTCD; and what channels cost beside the colour of solids.",
+        ),
+    ] = False
+
+    def run(self, console: rich.console.Console) -> int:
+        """Print a table."""
+        chosen = [techniques.by_id(id) for id in self.ids or techniques.IDS]
+        columns = ["technique", "paper", "jitter", "samples", "needs"]
+        rows = [list(_described(technique)) for technique in chosen]
+        if self.cost:
+            columns += ["picture, ns", "channels, ns"]
+            for row, found in zip(rows, _costs(chosen, console), strict=True):
+                row += [f"{ns:.3g}" for ns in found]
+        words, say = dict.fromkeys(columns, tables.WORDS), tables.spelling(console)
+        console.print(tables.table(words, rows, say=say))
+        console.out(_COMPOSED)
+        return OK
+
+
+def _described(technique: AbstractTechnique) -> Iterator[Any]:
+    """Cells of a technique, but for its cost."""
+    period, samples, _ = technique.sample_offsets_px.shape
+    yield technique.id
+    yield technique.paper or None
+    jitters = "optional" if hasattr(technique, "jitter") else "yes"
+    yield jitters if period > 1 or hasattr(technique, "jitter") else "no"
+    yield samples
+    yield " ".join(sorted(technique.needs, key=list(CHANNELS).index))
+
+
+def _costs(
+    chosen: Sequence[AbstractTechnique], console: rich.console.Console
+) -> Iterator[tuple[float, float]]:
+    """Measure each on a picture, and its channels on solids."""
+    picture, solids = scenes.study_set()["coffee"], fence()
+    of_channels = functools.cache(lambda needs: cost.channels_ns(solids, needs))
+    times = cost.techniques_ns(chosen, picture)
+    with Display(console) as display:
+        for done, technique in enumerate(chosen):
+            doing = f"timing {technique.id}"
+            display(Progress(done, len(chosen), doing, unit="techniques"))
+            yield next(times), of_channels(technique.needs)
 
 
 def _about(scene: StudyScene) -> tuple[str, str, str]:
@@ -132,7 +206,7 @@ def _at_rest() -> Motion:
     return Motion(still, still)
 
 
-@partial(jax.jit, static_argnames=("channel",))
+@functools.partial(jax.jit, static_argnames=("channel",))
 def _channel(
     source: AbstractSource, camera: Camera, *, channel: str
 ) -> Shaped[Array, "planes height width"]:

@@ -9,17 +9,22 @@ import rich.console
 import tyro
 
 from .. import _checks
+from .._files import written_atomically
+from ..camera import Camera
+from ..figures import kim as kim_figures
 from ..figures import reproduce as figure
 from ..figures.drawing import save
 from ..reports import reproduce as report
-from ..reproductions import color_space
+from ..reproductions import color_space, kim, tidoaa
 from ..studies.identity import counted
 from ..studies.study import check_seed
 from .options import OK, Seed, check_can_write, shown
 from .progress import Display
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want
-PAPERS: dict[str, Any] = {"colour-space": color_space}
+PAPERS: dict[str, Any] = {"kim": kim, "tidoaa": tidoaa, "colour-space": color_space}
+_FIGURES: dict[str, Any] = {"kim": kim_figures.draw}  # beside that of the claims
+ALL = "all"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,17 +40,25 @@ class ReproduceCommand:
         tyro.conf.Positional[str],
         shown(
             "PAPER",
+            "kim: head-movement based anti-aliasing against MSAA (Kim et al.); "
+            "tidoaa: samples at twice the resolution, by rotation speed; "
             "colour-space: anti-aliasing in linear light against gamma, box against "
-            "Lanczos filter (Maruszczuk et al.).",
+            "Lanczos filter (Maruszczuk et al.); all of them.",
         ),
     ]
-    quick: Annotated[bool, shown("", "Fewer sessions: a minute on two cores.")] = False
+    quick: Annotated[
+        bool, shown("", "Fewer sessions: up to two minutes on two cores, each.")
+    ] = False
     sessions: Annotated[
         int | None,
         shown(
             "N",
-            f"Viewing sessions (default: {color_space.SESSIONS}, of --quick "
-            f"{color_space.QUICK_SESSIONS}).",
+            "Viewing sessions (default: "
+            + ", ".join(
+                f"{paper.SESSIONS} of {name}, --quick {paper.QUICK_SESSIONS}"
+                for name, paper in PAPERS.items()
+            )
+            + ").",
         ),
     ] = None
     width: Annotated[
@@ -68,17 +81,30 @@ class ReproduceCommand:
 
     def run(self, console: rich.console.Console) -> int:
         """Run, judge, print, write and draw."""
-        _checks.one_of("paper", self.paper, PAPERS)
+        _checks.one_of("paper", self.paper, [*PAPERS, ALL])
         check_seed(self.seed)
         if self.quick and self.sessions is not None:
             raise ValueError("--quick and --sessions exclude each other: name one.")
-        paper = PAPERS[self.paper]
-        sessions = paper.QUICK_SESSIONS if self.quick else self.sessions
-        sessions = paper.SESSIONS if sessions is None else sessions
-        _checks.whole("sessions", sessions, 2)
+        if self.sessions is not None:
+            _checks.whole("sessions", self.sessions, 2)
+        out = self.out or Path(f"hmdjit-{self.paper}")
+        check_can_write(out)
+        if self.paper != ALL:
+            self._run(console, self.paper, out)
+            return OK
+        cameras = {name: self._camera(name) for name in PAPERS}  # all checked at first
+        pages = [self._run(console, name, out / name) for name in cameras]
+        whole = out / "claims.md"
+        with written_atomically(whole) as unfinished:
+            unfinished.write_text("\n".join(pages), encoding="utf-8")
+        console.out(f"Wrote {whole}.")
+        return OK
+
+    def _camera(self, name: str) -> Camera:
+        """Return the paper's, in the sizes that are named."""
         sizes = {"width_px": self.width, "height_px": self.height, "fov_deg": self.fov}
         camera = dataclasses.replace(
-            paper.CAMERA, **{k: v for k, v in sizes.items() if v is not None}
+            PAPERS[name].CAMERA, **{k: v for k, v in sizes.items() if v is not None}
         )
         width, height = camera.width_px, camera.height_px
         tiles = [px for px in _TILES_PX if math.gcd(width, height) % px == 0]
@@ -88,8 +114,13 @@ class ReproduceCommand:
                 f"{_TILES_PX[0]} to {_TILES_PX[-1]} px, and hold two such tiles, got "
                 f"{width} x {height}."
             )
-        out = self.out or Path(f"hmdjit-{self.paper}")
-        check_can_write(out)
+        return camera
+
+    def _run(self, console: rich.console.Console, name: str, out: Path) -> str:
+        """Run a paper's experiment; its page, as one of several in the folder above."""
+        paper, camera = PAPERS[name], self._camera(name)
+        sessions = paper.QUICK_SESSIONS if self.quick else self.sessions
+        sessions = paper.SESSIONS if sessions is None else sessions
         console.out(
             f"{paper.TITLE}.\n{counted(sessions, 'session')}, {camera.width_px} x "
             f"{camera.height_px} px, {camera.fov_deg:g} deg, {camera.refresh_hz:g} Hz. "
@@ -110,9 +141,15 @@ class ReproduceCommand:
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
         console.print(report.verdicts(found))
-        console.print(report.by_measure(found))
+        if len(found.measures) > 1:
+            console.print(report.by_measure(found))
         console.out(report.explanation(found))
+        figures = {"claims": figure.draw(found)}
+        figures |= _FIGURES.get(name, lambda found: {})(found)
         files = report.write_csv(found, out)
-        files.append(save(figure.draw(found), out / "claims.png"))
-        console.out(f"Wrote {', '.join(map(str, files))}.")
-        return OK
+        files += [save(drawn, out / f"{k}.png") for k, drawn in figures.items()]
+        names = [f"{k}.png" for k in figures]
+        with written_atomically(out / "claims.md") as unfinished:
+            unfinished.write_text(report.page(found, names), encoding="utf-8")
+        console.out(f"Wrote {', '.join(map(str, [*files, out / 'claims.md']))}.")
+        return report.page(found, [f"{name}/{each}" for each in names])

@@ -34,8 +34,8 @@ from ..studies.runner import Runner
 from ..studies.sessions import Batch, Sessions
 from ..studies.store import fingerprint, without_version
 from ..studies.study import Study
+from ..technique_contract.base import AbstractTechnique
 from ..techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
-from ..techniques.base import AbstractTechnique
 from .front import FIRST_WEIGHT, FRONT_WEIGHTS, Front
 from .problem import Problem
 from .results import CurveFit, FrontPoint, Kept

@@ -66,24 +66,25 @@ def _matrix(axes: Axes, found: Found) -> None:
             color=_FILL[claim.verdict],
             lw=0,
         )
-        weight = "bold" if y == 0 else "normal"
+        weight = "bold" if claim in found.asked else "normal"
         middle: Any = {"ha": "center", "va": "center"}
         axes.text(
             x, y - 0.17, claim.verdict, fontsize=drawing.NAME, weight=weight, **middle
         )
         numbers = f"{claim.value:.3g} [{claim.low:.3g}, {claim.high:.3g}]"
         axes.text(x, y + 0.2, numbers, fontsize=drawing.NUMBER, **middle)
-    asked = {claim.claim: claim.quantity for claim in found.claims}
+    asked = {claim.claim: claim.quantity for claim in found.asked}
+    letters = 120 // len(claims)
     heads = [
-        textwrap.fill(f"{k}. {claim}", 30)
+        textwrap.fill(f"{k}. {claim}", letters)
         + "\n"
-        + textwrap.fill(f"({asked[claim]})", 32)
+        + textwrap.fill(f"({asked[claim]})", letters)
         for k, claim in enumerate(claims, 1)
     ]
     axes.xaxis.tick_top()
     axes.set_xticks(range(len(claims)), heads, fontsize=drawing.LABEL)
     units = {claim.measure: claim.unit for claim in found.claims}
-    names = [f"{name},\n{units[name]}" for name in found.measures]
+    names = [f"{name},\n{units[name]}".rstrip(",\n") for name in found.measures]
     axes.set_yticks(range(len(names)), names, fontsize=drawing.LABEL)
     axes.tick_params(length=0)
     axes.set_xlim(-0.5, len(claims) - 0.5)

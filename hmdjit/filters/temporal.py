@@ -13,18 +13,31 @@ from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
 from . import neighborhood
-from .neighborhood import Box, FloatPlanes
+from .neighborhood import Box, FloatPlanes, apart
 
 _LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
 _LEAST_LUMA = 0.2  # that a difference of luma is held against
 
 
-def unjittered(planes: FloatPlanes, jitter_px: Float[Array, "2"] | None) -> FloatPlanes:
+def unjittered(
+    planes: FloatPlanes, jitter_px: Float[Array, "2"] | None, *, margin_px: int = 0
+) -> Float[Array, "*planes rows columns"]:
     """Read a jittered frame where the content of each pixel's centre went.
 
     **Arguments:** `jitter_px`: of `Frame`, where its samples lie; None is the centre.
+    `margin_px`: pixels around the frame that are read, too.
     """
+    planes = neighborhood.padded(planes, margin_px, margin_px)
     return planes if jitter_px is None else neighborhood.shifted(planes, -jitter_px)
+
+
+def unjittered_reprojection(frame: Frame, motion: Motion) -> AnyDisplacement:
+    """Where the content of each pixel's centre was: of a field, between samples."""
+    own = frame.reprojection(motion)
+    if not isinstance(own, DisplacementField):
+        return own
+    dx, dy = unjittered(jnp.stack([own.dx, own.dy]), frame.jitter_px)
+    return dataclasses.replace(own, dx=dx, dy=dy)
 
 
 def dilated(
@@ -87,7 +100,7 @@ def clip_to_center(colors: Planes, box: Box) -> Planes:
     """
     center = (box.low + box.high) / 2
     extent = (box.high - box.low) / 2 + _LEAST_EXTENT
-    beyond = _largest(jnp.abs((colors - center) / extent))
+    beyond = apart(lambda: _largest(jnp.abs((colors - center) / extent)), colors)
     is_inside = beyond <= 1
     scale = jnp.where(is_inside, 1.0, beyond)
     return jnp.where(is_inside, colors, center + (colors - center) / scale)
@@ -102,13 +115,16 @@ def clip_towards(colors: Planes, target: Planes, box: Box) -> Planes:
     **Source:** Karis, "High-quality temporal supersampling", SIGGRAPH 2014.
     """
     way = target - colors
-    is_level = way == 0
-    safe = jnp.where(is_level, 1.0, way)
-    enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
-    is_within = (box.low <= colors) & (colors <= box.high)
-    level = jnp.where(is_within, -jnp.inf, jnp.inf)
-    entry = _largest(jnp.where(is_level, level, enters))
-    return colors + jnp.clip(entry, 0, 1) * way
+
+    def entry() -> Float[Array, "1 height width"]:
+        is_level = way == 0
+        safe = jnp.where(is_level, 1.0, way)
+        enters = jnp.minimum((box.low - colors) / safe, (box.high - colors) / safe)
+        is_within = (box.low <= colors) & (colors <= box.high)
+        level = jnp.where(is_within, -jnp.inf, jnp.inf)
+        return _largest(jnp.where(is_level, level, enters))
+
+    return colors + jnp.clip(apart(entry, colors), 0, 1) * way
 
 
 def feedback_weight(
@@ -121,3 +137,24 @@ def feedback_weight(
     largest = jnp.maximum(jnp.maximum(current_luma, past_luma), _LEAST_LUMA)
     alike = 1 - jnp.abs(current_luma - past_luma) / largest
     return low + (high - low) * alike**2
+
+
+def likeness(speed: Plane, past_speed: Plane, sensitivity: float) -> Plane:
+    """How alike two speeds are: 1 where equal, by the root of their difference.
+
+    **Accuracy:** the slope where they are equal is chosen as 0.
+
+    **Source:** Jimenez et al., "SMAA", 2012, code of the resolve of two frames.
+    """
+    difference = jnp.abs(speed - past_speed)
+    is_zero = difference == 0
+    root = jnp.sqrt(jnp.where(is_zero, 1.0, difference))
+    return jnp.clip(1 - sensitivity * jnp.where(is_zero, 0.0, root), 0, 1)
+
+
+def thesis_depth(depth: Plane) -> Plane:
+    """Depth as Oliveros' thesis compares it, `2 / (1 + 10000 / depth)`; 2 at infinity.
+
+    **Source:** code of the thesis, its planes at 1 and 10000.
+    """
+    return 2 / (1 + 1e4 / depth)

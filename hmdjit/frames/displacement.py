@@ -87,6 +87,31 @@ class AbstractDisplacement(eqx.Module):
 
     @property
     @abc.abstractmethod
+    def _known_span(self) -> Float[Array, "2 2"] | None:
+        """Return `span` if no plane has to be looked at for it."""
+
+    def changed(
+        self,
+        change_x: Callable[[Numbers], Numbers],
+        change_y: Callable[[Numbers], Numbers],
+    ) -> "DisplacementField":
+        """Return it with both parts changed, px, each by a monotone function."""
+        dx, dy = self.px()
+        span = self._known_span
+        if span is not None:
+            ends = [change_x(span[:, 0]), change_y(span[:, 1])]
+            span = jnp.sort(jnp.stack(ends, axis=1), axis=0)
+        camera, region, reading = self._place
+        field = (camera, region, change_x(dx), change_y(dy))
+        return DisplacementField(*field, span, reading)
+
+    @property
+    @abc.abstractmethod
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        """Whose pixels these are, and how their sources are read."""
+
+    @property
+    @abc.abstractmethod
     def _numbers(self) -> tuple[Array, ...]:
         """What it was made of."""
 
@@ -125,6 +150,14 @@ class DisplacementField(AbstractDisplacement):
             return self.bounds
         ends = [[f(self.dx), f(self.dy)] for f in (jnp.min, jnp.max)]
         return jnp.stack([jnp.stack(end) for end in ends])
+
+    @property
+    def _known_span(self) -> Float[Array, "2 2"] | None:
+        return self.bounds
+
+    @property
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        return self.camera, self.region, self.reading
 
     def inside(self) -> Mask:
         """Whether the source lies in the camera frame."""
@@ -221,6 +254,14 @@ class Displacement(AbstractDisplacement):
         extent = extent + 8 * jnp.finfo(slope.dtype).eps * (jnp.abs(offset) + extent)
         span = jnp.stack([offset - extent, offset + extent])
         return span if self.sample_px is None else span + self.sample_px[None]
+
+    @property
+    def _known_span(self) -> Float[Array, "2 2"]:
+        return self.span()
+
+    @property
+    def _place(self) -> tuple[Camera, Region, Reading]:
+        return self.camera, self.region, self.reading
 
     def _exact_span(self) -> Float[Array, "2 2"]:
         """Return `span` without approximation."""

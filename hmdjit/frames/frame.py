@@ -32,6 +32,9 @@ MOTION_CLASSES = ("static", "rigid", "deforming")
 """What the numbers of the channel `motion_class` mean."""
 
 
+Steps = tuple[Float[Array, "objects 3"], Float[Array, "objects 3"]]
+
+
 class Frame(eqx.Module):
     """What rendering hands to a technique: colour and only the channels asked for.
 
@@ -44,6 +47,9 @@ class Frame(eqx.Module):
       per sample, `(samples, channels, height, width)`. See the properties.
     - `velocity_bounds`: smallest and largest displacement of `reprojection`, px, where
       it is a field; None are the field's own.
+    - `steps`: increment and translation of the head against each object since the last
+      frame, `(objects, 3)` each, row i of the object with the id i; for techniques that
+      need `velocity` and `reads_steps`. None where nothing moves by itself.
     - `jitter_px`: where the one sample of each pixel lies in this frame, from its
       centre, px, x right and y down; None is the centre, or several samples.
     """
@@ -58,6 +64,7 @@ class Frame(eqx.Module):
     )
     velocity_bounds: Float[Array, "2 2"] | None = None
     jitter_px: Float[Array, "2"] | None = None
+    steps: Steps | None = None
 
     @property
     def depth(self) -> Plane:

@@ -20,6 +20,7 @@ from .._types import Plane, Planes, Rgb, Scalar, WholeNumber
 from ..camera import Camera, Region
 from . import resampling
 from .displacement import GATHER, AnyDisplacement, Reading
+from .frame import Steps
 from .motion import Motion
 from .resampling import Texels
 
@@ -38,6 +39,12 @@ def recorded_reads() -> Iterator[Reads]:
         yield reads
     finally:
         _recorded.reset(token)
+
+
+def record_read(displacement: AnyDisplacement | None) -> None:
+    """Tell that the past is read there: for states that are no `History`."""
+    if (reads := _recorded.get()) is not None:
+        reads.append(displacement)
 
 
 class History(eqx.Module):
@@ -103,8 +110,7 @@ class History(eqx.Module):
 
     def under(self, region: Region) -> Planes:
         """Planes of some of its pixels, unmoved."""
-        if (reads := _recorded.get()) is not None:
-            reads.append(None)
+        record_read(None)
         _, _, channels, *_ = self.texels.shape
         column, row = self._place(region)
         start = [jnp.asarray(i, jnp.int32) for i in (0, 0, 0, row, column)]
@@ -113,8 +119,7 @@ class History(eqx.Module):
 
     def at(self, displacement: AnyDisplacement) -> Planes:
         """Planes read where each pixel's source lies, `(channels, height, width)`."""
-        if (reads := _recorded.get()) is not None:
-            reads.append(displacement)
+        record_read(displacement)
         if displacement.reading.sampler == "at_rest":
             return self.under(displacement.region)
         place = self._place(displacement.region)
@@ -185,6 +190,10 @@ class AbstractSource(eqx.Module):
 
         None where that is the head's rotation alone.
         """
+        return None
+
+    def steps(self, view: View) -> Steps | None:
+        """Increment and translation of the head against each object (see `Frame`)."""
         return None
 
     def nearest_m(self, view: View) -> Scalar:

@@ -43,6 +43,43 @@ def past_displacement(
     **Accuracy:** relative precision however little anything moves; at an infinite depth
     the displacement of the rotation alone. Gradients are finite.
     """
+    surface = (x_px, y_px, depth)
+    dx, dy, _ = _moved(camera, surface, increment, translation_m, object_id)
+    return dx, dy
+
+
+def next_displacement(
+    camera: Camera,
+    x_px: Numbers,
+    y_px: Numbers,
+    depth: Numbers,
+    increment: Float[Array, "*objects 3"],
+    translation_m: Float[Array, "*objects 3"],
+    object_id: Int[Array, "..."] | None = None,
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Where the surface points that the last frame showed project now.
+
+    The inverse of `past_displacement`, with its arguments: positions, depth and ids are
+    those of the last frame.
+
+    **Returns:** `(dx, dy)` from the positions, px, and the depth now, m.
+    """
+    turn = lambda turned, moved: quaternion.rotate(quaternion.exp(turned), moved)
+    for _ in increment.shape[:-1]:
+        turn = jax.vmap(turn)
+    surface, back = (x_px, y_px, depth), -turn(increment, translation_m)
+    return _moved(camera, surface, -increment, back, object_id)
+
+
+def _moved(
+    camera: Camera,
+    surface: tuple[Numbers, Numbers, Numbers],
+    increment: Float[Array, "*objects 3"],
+    translation_m: Float[Array, "*objects 3"],
+    object_id: Int[Array, "..."] | None,
+) -> tuple[Numbers, Numbers, Numbers]:
+    """How far surface points move on the screen, and their depth after that."""
+    x_px, y_px, depth = surface
     dtype = increment.dtype
     turn, move = quaternion.matrix_minus_identity, translation_m
     if object_id is None:
@@ -66,7 +103,7 @@ def past_displacement(
     far = _FAR_FRAMES * max(camera.width_px, camera.height_px)
     is_behind = ~is_in_front & ~jnp.isnan(dx)
     dx = jnp.where(is_behind, far, jnp.clip(dx, -far, far))
-    return dx, jnp.clip(dy, -far, far)
+    return dx, jnp.clip(dy, -far, far), depth * (1 - move_z)
 
 
 def against_object(

@@ -8,7 +8,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..estimates.intervals import Interval
+import numpy as np
+from jaxtyping import Float
+
+from ..estimates.intervals import Interval, mean_interval
 
 HOLDS, FAILS, UNTOLD = "holds", "does not hold", "cannot be told"
 
@@ -23,6 +26,7 @@ class Claim:
     - `value`, `low`, `high`, `unit`: with its 95 % interval.
     - `verdict`: `HOLDS`, `FAILS` or `UNTOLD`.
     - `reason`: why, with the figures that it rests on.
+    - `source`: where in the paper; empty where it is the whole.
     """
 
     claim: str
@@ -34,6 +38,23 @@ class Claim:
     unit: str
     verdict: str
     reason: str
+    source: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        claim: str,
+        measure: str,
+        quantity: str,
+        found: Interval,
+        unit: str,
+        verdict: str,
+        reason: str,
+        source: str = "",
+    ) -> "Claim":
+        """Return a claim with an interval."""
+        numbers = (found.value, found.low, found.high)
+        return cls(claim, measure, quantity, *numbers, unit, verdict, reason, source)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,16 +72,31 @@ class Measured:
     high: float
     unit: str
 
+    @classmethod
+    def mean(
+        cls,
+        measure: str,
+        case: str,
+        condition: str,
+        sessions: Float[np.ndarray, " session"],
+        unit: str,
+    ) -> "Measured":
+        """Return the mean over sessions."""
+        found = mean_interval(sessions)
+        numbers = (found.value, found.low, found.high)
+        return cls(measure, case, condition, *numbers, unit)
+
 
 class Found(NamedTuple):
     """What running a paper's experiment again found.
 
     - `title`: of the paper; `about`: what was run, in sentences.
-    - `claims`: those by the first measure are the paper's own question.
+    - `claims`: of each the first row, by its measure, is the paper's own question.
     - `measured`: what the claims rest on; of the first measure figures show the means.
     - `cases`: those of `measured` that a figure shows.
     - `lines`: what else is to be read, a line each.
     - `tables`: further rows, by the name of their file.
+    - `pictures`: gamma frames, by condition, where the paper shows some.
     """
 
     title: str
@@ -70,11 +106,20 @@ class Found(NamedTuple):
     cases: Sequence[str]
     lines: Sequence[str]
     tables: Mapping[str, Sequence[Any]]
+    pictures: Mapping[str, np.ndarray] = {}
 
     @property
     def measures(self) -> list[str]:
         """By what claims were measured, the paper's own question first."""
         return list(dict.fromkeys(claim.measure for claim in self.claims))
+
+    @property
+    def asked(self) -> list[Claim]:
+        """The paper's own questions: each claim by the first of its measures."""
+        first: dict[str, Claim] = {}
+        for claim in self.claims:
+            first.setdefault(claim.claim, claim)
+        return list(first.values())
 
 
 def above(found: Interval, threshold: float = 0.0) -> str:
@@ -86,6 +131,12 @@ def above(found: Interval, threshold: float = 0.0) -> str:
     return FAILS if found.high < threshold else UNTOLD
 
 
+def below(found: Interval, threshold: float) -> str:
+    """Whether a quantity lies below a threshold, by its whole interval."""
+    turned = {HOLDS: FAILS, FAILS: HOLDS, UNTOLD: UNTOLD}
+    return turned[above(found, threshold)]
+
+
 def within(found: Interval, margin: float) -> str:
     """Whether a quantity lies within a margin of 0 to both sides, by its interval."""
     if not (math.isfinite(found.low) and math.isfinite(found.high)):
@@ -93,6 +144,12 @@ def within(found: Interval, margin: float) -> str:
     if -margin < found.low and found.high < margin:
         return HOLDS
     return FAILS if found.low > margin or found.high < -margin else UNTOLD
+
+
+def less(found: Interval, number: float) -> Interval:
+    """Return by how much a quantity is more than a number."""
+    value, low, high = (n - number for n in (found.value, found.low, found.high))
+    return Interval(value, low, high, found.standard_error, found.method)
 
 
 def every(verdicts: Sequence[str]) -> str:

@@ -63,6 +63,9 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     said = ", ".join(f"{name} {measure.sign * means[name]:.3g}" for name in names)
     said += f" ({measure.metric.unit})"
 
+    def judged(claim: str, quantity: str, found: Interval, *how: str) -> Claim:
+        return Claim.of(claim, measure.words, quantity, found, unit, *how)
+
     def gap(one: str, other: str) -> Interval:
         return mean_interval(of_session[one] - of_session[other])
 
@@ -78,9 +81,7 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
         )
         verdict = every([above(found) for found in gaps.values()])
         reason = f"nearest is {rival}; so in {wins} of {by_scene[name].size} scenes"
-        return _claim(
-            claim, measure, quantity, gaps[rival], verdict, f"{reason}: {said}"
-        )
+        return judged(claim, quantity, gaps[rival], verdict, f"{reason}: {said}")
 
     spread = max(means.values()) - min(means.values())
     alike, margin = gap("LG", "BL"), _ABOUT * spread
@@ -100,18 +101,16 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     lengths = ", ".join(f"{gaps[p] / EDGES_PER_DEG[p]:.3g}" for p in PATTERNS)
     return [
         extreme("LL", 1, "LL is the best", "the best other, minus LL"),
-        _claim(
+        judged(
             "LG is about as good as BL",
-            measure,
             "LG minus BL",
             alike,
             within(alike, margin),
             f"alike is within {margin:.3g}, a quarter of worst minus best: {said}",
         ),
         extreme("BG", -1, "BG is the worst", "BG minus the worst other"),
-        _claim(
+        judged(
             "the checkerboard shows more of it than the honeycomb",
-            measure,
             "BG minus LL, of checkerboard minus honeycomb",
             more,
             verdict,
@@ -122,20 +121,6 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     ]
 
 
-def _claim(
-    claim: str,
-    measure: Measure,
-    quantity: str,
-    found: Interval,
-    verdict: str,
-    reason: str,
-) -> Claim:
-    numbers = (found.value, found.low, found.high)
-    return Claim(
-        claim, measure.words, quantity, *numbers, measure.unit, verdict, reason
-    )
-
-
 def measured(measure: Measure, values: Values) -> list[Measured]:
     """Mean of each condition in each pattern, and in each of its pairs of colours."""
     rows = []
@@ -144,10 +129,8 @@ def measured(measure: Measure, values: Values) -> list[Measured]:
             cases = {pattern: part.mean(axis=0)}
             cases |= {f"{pattern}_{k + 1}": pair for k, pair in enumerate(part)}
             for case, sessions in cases.items():
-                found = mean_interval(sessions)
-                numbers = (found.value, found.low, found.high)
                 unit = measure.metric.unit
-                rows.append(Measured(measure.words, case, name, *numbers, unit))
+                rows.append(Measured.mean(measure.words, case, name, sessions, unit))
     return rows
 
 

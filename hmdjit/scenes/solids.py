@@ -17,6 +17,7 @@ from .. import color, quaternion, sample_patterns
 from .._types import Numbers, Rgb, Scalar
 from ..camera import Camera, Region
 from ..frames.frame import MOTION_CLASSES as _CLASSES
+from ..frames.frame import Steps
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, Places, View
 from ..frames.velocity import against_object
@@ -160,6 +161,10 @@ class Solids(AbstractScene, AbstractSource):
     def velocity_bounds(self, view: View) -> Float[Array, "2 2"] | None:
         """Smallest and largest displacement to where what is seen was, px."""
         return solid_channels.velocity_bounds(self.world(view, has_steps=True), view)
+
+    def steps(self, view: View) -> Steps | None:
+        """Return how objects moved, if any does."""
+        return self.world(view, has_steps=True).steps if self.moves else None
 
     def nearest_m(self, view: View) -> Scalar:
         """Smallest depth that a region can show, m; never too large."""

@@ -52,8 +52,8 @@ from ..studies.progress import Progress, Tell
 from ..studies.runner import Runner, regions
 from ..studies.sessions import Batch, Sessions, drawn_alike, session_keys, study_key
 from ..studies.study import check_seed
-from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.check import check_hints
 
 _PLAIN = Reading("plain")  # other ways to read have the same derivatives, made of this
 

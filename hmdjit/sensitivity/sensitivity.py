@@ -32,8 +32,8 @@ from ..scenes.base import AbstractScene
 from ..studies.identity import head_words
 from ..studies.measured_blocks import Measurement
 from ..studies.progress import Tell
+from ..technique_contract.base import AbstractTechnique
 from ..techniques import NoAntialiasing
-from ..techniques.base import AbstractTechnique
 from .derivatives import Parameters, SessionDerivatives, differentiate
 
 

@@ -13,8 +13,8 @@ from .. import _checks
 from .._types import Clip, Poses, Rgb
 from ..camera import Camera
 from ..frames.displacement import AT_REST, GATHER, Reading
-from ..techniques.base import AbstractTechnique
-from ..techniques.contract import check_contract
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.shapes import check_contract
 from .rendered import KEYWORDS, Rendered, Views, checked_channels
 
 

@@ -15,9 +15,9 @@ from ..camera import Camera, Region
 from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource, View, recorded_reads
-from ..techniques.base import AbstractTechnique
-from ..techniques.contract import blank_frame
-from ..techniques.stencil import stencil_radius_px
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.shapes import blank_frame
+from ..technique_contract.stencil import stencil_radius_px
 from . import blocks
 
 HALO_TOLERANCE = 1e-5

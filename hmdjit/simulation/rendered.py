@@ -16,7 +16,7 @@ from ..frames.displacement import GATHER, Reading
 from ..frames.frame import CHANNELS, MOTION_CLASSES, Frame
 from ..frames.motion import Motion, check_poses, checked_motion
 from ..frames.velocity import against_object, past_displacement
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 
 KEYWORDS = {
     "depth": ("depth", "--depth"),
@@ -29,6 +29,7 @@ KEYWORDS = {
 
 _MOST = {"object_id": 2**31 - 1, "motion_class": len(MOTION_CLASSES) - 1}
 _MOST_JITTER_PX = 1.5
+_RIGID = MOTION_CLASSES.index("rigid")
 
 Given = Mapping[str, Any]
 Against = tuple[Float[Array, "..."], Float[Array, "..."]]
@@ -40,11 +41,14 @@ class Views(eqx.Module):
     - `motion`: of the head; NaN where it is unknown.
     - `against`: what velocity is made of, if that is derived from depth: increment and
       translation of the head, `(3,)`, or against each object, `(objects, 3)`.
+    - `steps`: increment and translation of the head against each object, for techniques
+      that read them.
     - `samples_px`: where samples lie, from the pixel centre; None where nobody asks.
     """
 
     motion: Motion
     against: Against | None
+    steps: Against | None
     samples_px: Float[Array, "*rows samples 2"] | None
 
     @classmethod
@@ -80,7 +84,9 @@ class Views(eqx.Module):
             _check_range("jitter_px", jitter_px, -_MOST_JITTER_PX, _MOST_JITTER_PX)
             rows = np.asarray(jitter_px)[:, None] if rows.shape[1] == 1 else rows
         samples_px = jnp.asarray(rows, dtype) if is_asked else None
-        return cls(motion, against, samples_px)
+        return cls(
+            motion, against, objects if technique.reads_steps else None, samples_px
+        )
 
     def at(self, k: int) -> "Views":
         """Return that of frame k."""
@@ -188,6 +194,7 @@ class Rendered(eqx.Module):
             reading,
             channels,
             jitter_px=jitter_px,
+            steps=view.steps,
         )
 
     def _velocity(
@@ -226,12 +233,20 @@ def checked_channels(
         raise ValueError(f"{technique.id} needs the frames' {name}{way}.")
     found = {name: checked(name, each, shape, dtype) for name, each in given.items()}
     read, classes = needs, found.get("motion_class", np.zeros(1))
-    if views.against is not None and views.against[0].ndim > 2:
-        count, read = views.against[0].shape[1], needs | {"depth", "object_id"}
+    derives = "velocity" in needs - set(found)
+    moves = views.steps or views.against
+    if moves is not None and moves[0].ndim > 2:
+        count, read = moves[0].shape[1], needs | {"depth", "object_id"}
         _check_range(
             "object_id, a row of object_poses,", given["object_id"], 0, count - 1
         )
-    elif "velocity" in needs - set(found):
+    elif technique.reads_steps:
+        if not _checks.is_traced(classes) and (classes == _RIGID).any():
+            raise ValueError(
+                f"{technique.id} needs to know how objects move, and motion_class says "
+                "that some are rigid: give object_poses=."
+            )
+    elif derives:
         read = needs if views.against is None else needs | {"depth"}
         if not _checks.is_traced(classes) and classes.any():
             raise ValueError(

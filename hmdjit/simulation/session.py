@@ -21,7 +21,7 @@ from ..frames.displacement import AT_REST, GATHER, SLICES, Reading
 from ..frames.motion import Motion
 from ..frames.sources import AbstractSource
 from ..metrics.base import AbstractMetric, Values
-from ..techniques.base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 from . import blocks
 from .views import Renderer, Shots, Stepped, seeing_together
 

@@ -21,8 +21,8 @@ from ..metrics import STANDARD, AbstractMetric
 from ..metrics.base import check_metrics
 from ..scenes.baking import bake
 from ..scenes.base import AbstractScene, check_scene
-from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.check import check_hints
 from .session import Result, differentiable_session, fastest_reading
 
 

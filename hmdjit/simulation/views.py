@@ -19,7 +19,7 @@ from ..frames.displacement import Reading
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import INSTEAD_OF_COLOR, AbstractSource, History
-from ..techniques.base import AbstractTechnique, State
+from ..technique_contract.base import AbstractTechnique, State
 from . import blocks
 
 

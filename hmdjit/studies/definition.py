@@ -16,8 +16,8 @@ from ..metrics.base import check_block, check_metrics
 from ..scenes.baking import check_baking
 from ..scenes.base import AbstractScene, check_scene
 from ..simulation.simulate import check_gives
-from ..techniques.base import AbstractTechnique
-from ..techniques.contract import check_declared
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.shapes import check_declared
 from .measured_blocks import Measurement, Tiles
 from .sessions import Head
 

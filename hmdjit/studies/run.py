@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float
 
 from ..estimates.decibels import power_of
 from ..frames.sources import AbstractSource
-from ..techniques.check import forget_checks
-from ..techniques.small_motion import Still
+from ..technique_contract.check import forget_checks
+from ..technique_contract.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from .dataset import check_contains, gathered, write_dataset
 from .definition import StudyDefinition

@@ -18,8 +18,8 @@ from ..metrics import STANDARD, AbstractMetric
 from ..simulation.halo import needed_halo_px
 from ..simulation.session import Result, fastest_reading, session
 from ..simulation.sharding import over_sessions
-from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.check import check_hints
 from .measured_blocks import Measurement
 from .sessions import Batch
 from .store import fingerprint

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 
 from ..estimates.cells import Cell
 from ..frames.sources import AbstractSource
-from ..techniques.base import AbstractTechnique
-from ..techniques.small_motion import Still
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from ..theory.picture_statistics import PictureStatistics
 from .progress import Progress, Tell

@@ -222,6 +222,10 @@ class Until:
         others = [f"{c[1]} {c[-1]:.1f} s" for c in choices if c[1] != kind]
         other = others[0] if others else "paired, without a control variate"
         why = f"one session takes {1e3 * session_seconds:.1f} ms; {other}"
+        known = [technique.on_pictures() for technique in self._sampler.techniques]
+        unknown = [t.id for t in known if t.small_motion() is None]
+        if kind == "control variate" and unknown:
+            why += f"; no theory of {', '.join(unknown)}: predicted as rendered"
         return ScenePlan(name, kind, why, n, m, seconds), b, np.clip(share, 0, 1)
 
     def _needs(

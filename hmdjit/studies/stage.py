@@ -12,8 +12,8 @@ from ..frames.sources import AbstractSource
 from ..scenes.baking import bake
 from ..simulation.session import fastest_reading
 from ..simulation.sharding import placed
-from ..techniques.base import AbstractTechnique
-from ..techniques.check import check_hints
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.check import check_hints
 from .definition import StudyDefinition, StudyScene
 from .measured_blocks import Measurement
 from .runner import Runner

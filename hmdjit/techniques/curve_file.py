@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import _checks, _toml, curves
-from .base import AbstractTechnique
+from ..technique_contract.base import AbstractTechnique
 from .head_movement import HeadMovement
 
 FAMILIES: dict[str, type[curves.AbstractCurve]] = {

@@ -4,8 +4,8 @@ from .._types import Rgb
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import AbstractTechnique
-from .small_motion import Still
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.small_motion import Still
 
 
 class Freeze(AbstractTechnique):

@@ -13,7 +13,7 @@ from ..filters import edge_spans, neighborhood
 from ..filters.edges import TIE
 from ..filters.neighborhood import Reader
 from ..frames.frame import Frame
-from .base import SPACES, AbstractSpatial
+from ..technique_contract.base import SPACES, AbstractSpatial
 
 Sides = tuple[Array, Array]
 Gray = Float[Array, "1 height width"]

@@ -19,8 +19,8 @@ from ..frames.displacement import AnyDisplacement
 from ..frames.frame import MOTION_CLASSES, Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from .base import SPACES, AbstractSpatial, AbstractTechnique
-from .small_motion import RecursiveBlend
+from ..technique_contract.base import SPACES, AbstractSpatial, AbstractTechnique
+from ..technique_contract.small_motion import RecursiveBlend
 
 DIFFERENCES = ("euclidean", "max_channel", "same_pixel")
 REPROJECTIONS = ("rotation", "rigid")

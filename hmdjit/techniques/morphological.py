@@ -20,7 +20,7 @@ from ..filters import edges, line_coverage
 from ..filters.line_coverage import Shares
 from ..filters.neighborhood import neighbors
 from ..frames.frame import Frame
-from .base import SPACES, AbstractSpatial
+from ..technique_contract.base import SPACES, AbstractSpatial
 
 
 class Preset(NamedTuple):

@@ -8,15 +8,34 @@ import difflib
 import re
 from itertools import product
 
+from ..filters.aliasing import DEPTH_RANGES
 from ..sample_patterns import MULTISAMPLE_COUNTS
+from ..technique_contract.base import (
+    OFF_SCREEN,
+    SPACES,
+    AbstractSpatial,
+    AbstractTechnique,
+)
+from ..technique_contract.display_stages import (
+    AbstractStage,
+    Displayed,
+    MotionBlur,
+    Sharpening,
+)
 from . import curve_file, fxaa, morphological
-from .base import SPACES, AbstractSpatial, AbstractTechnique
-from .display_stages import AbstractStage, Displayed, MotionBlur, Sharpening
+from .amortized import Amortized
 from .freeze import Freeze
 from .fxaa import FXAA
 from .head_movement import DYNAMIC, HeadMovement
+from .inside import Inside
+from .karis import Karis
 from .morphological import EDGES, MLAA, SMAA
+from .sobel_taa import DEPTH_HISTORIES, SobelTAA
 from .spatial import MSAA, SSAA, AccumulationBuffer, NoAntialiasing
+from .thesis_baseline import ThesisBaseline
+from .tidoaa import TIDOAA
+from .two_frame import TwoFrame
+from .uncharted4 import Uncharted4
 
 IDS = (
     "none",
@@ -30,6 +49,15 @@ IDS = (
     "mlaa",
     *("smaa", "smaa_low", "smaa_medium", "smaa_ultra", "smaa_ultra_color"),
     "head_movement",
+    *("amortized", "amortized_subpixel", "two_frame", "inside", "inside_ycocg"),
+    *(
+        "thesis_baseline",
+        "uncharted4",
+        "karis",
+        "tidoaa",
+        "tidoaa_subcell",
+        "sobel_taa",
+    ),
     *(f"head_movement_{choice}" for choice in ("rigid", *DYNAMIC[1:])),
 )
 """Ids that are listed; `ssaa` takes any factor, `accumulation` any number of samples,
@@ -40,6 +68,7 @@ stage of display, `none+sharpen`."""
 
 _SSAA = r"ssaa([1-9]\d?)(?:_(lanczos2)(?:_taps(11))?)?(?:_(gamma))?"
 
+_BOTH = (False, True)
 _NAMED: dict[str, AbstractTechnique] = {
     technique.id: technique
     for technique in (
@@ -49,6 +78,20 @@ _NAMED: dict[str, AbstractTechnique] = {
         *(FXAA(*choices) for choices in product(fxaa.PRESETS, SPACES)),
         *map(MLAA, SPACES),
         *(SMAA(*choices) for choices in product(morphological.PRESETS, EDGES, SPACES)),
+        *(
+            SobelTAA(span, history, off_screen, jitter=jitter)
+            for span, history in product(DEPTH_RANGES, DEPTH_HISTORIES)
+            for off_screen, jitter in product(OFF_SCREEN, _BOTH)
+        ),
+        *(TIDOAA(c, space, jitter=j) for c, space, j in product(_BOTH, SPACES, _BOTH)),
+        *(Amortized(subpixel=s, jitter=j) for s, j in product(_BOTH, _BOTH)),
+        *(
+            Inside(ycocg, blur, off_screen, jitter=jitter)
+            for ycocg, blur in product(_BOTH, _BOTH)
+            for off_screen, jitter in product(OFF_SCREEN, _BOTH)
+        ),
+        *(ThesisBaseline(o, jitter=j) for o, j in product(OFF_SCREEN, _BOTH)),
+        *(kind(jitter=j) for kind in (TwoFrame, Uncharted4, Karis) for j in _BOTH),
     )
 }
 

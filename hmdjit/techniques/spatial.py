@@ -8,8 +8,8 @@ from .. import _checks, color, sample_patterns
 from .._types import Rgb
 from ..filters import downsampling
 from ..frames.frame import Frame
-from .base import SPACES, AbstractSpatial, mean_of_samples
-from .small_motion import AsRendered
+from ..technique_contract.base import SPACES, AbstractSpatial, mean_of_samples
+from ..technique_contract.small_motion import AsRendered
 
 FILTERS = ("box", "lanczos2")
 
@@ -43,14 +43,16 @@ class NoAntialiasing(_OwnSamples):
 class SSAA(AbstractSpatial):
     """Supersampling: `factor` x `factor` samples per pixel, filtered.
 
-    Maruszczuk et al.'s BL, BG, LL and LG are `SSAA(2, space, filter)`: the filter's
-    letter comes first.
+    BL, BG, LL and LG of the source are `SSAA(2, space, filter)`: the filter's letter
+    comes first.
 
     - `factor`: samples per axis; 4 is the reference that detail loss is measured
       against.
     - `space`: what is filtered, `"linear"` light, encoded afterwards, or `"gamma"`.
     - `filter`: `"box"`, the mean of a pixel's own samples, or `"lanczos2"`.
     - `taps`: of Lanczos, `"exact"` or 11; see `downsampling.lanczos2_weights`.
+
+    **Source:** Maruszczuk et al., who compare these forms of it.
     """
 
     factor: int = eqx.field(static=True, default=4)
@@ -162,7 +164,7 @@ class AccumulationBuffer(_OwnSamples):
 
     **Accuracy:** a whole region is held at once, 12 `samples` bytes per pixel.
 
-    **Source:** Oliveros' thesis, section 4.1, and its code.
+    **Source:** Oliveros, master's thesis, 2018, section 4.1, and its code.
     """
 
     samples: int = eqx.field(static=True, default=128)

@@ -28,8 +28,13 @@ from .._types import Scalar, WholeNumber
 from ..camera import Camera
 from ..color import CODE_VALUES
 from ..frames.motion import Motion
-from ..techniques.base import AbstractTechnique
-from ..techniques.small_motion import AsRendered, RecursiveBlend, SmallMotion, Still
+from ..technique_contract.base import AbstractTechnique
+from ..technique_contract.small_motion import (
+    AsRendered,
+    RecursiveBlend,
+    SmallMotion,
+    Still,
+)
 from .picture_statistics import (
     Cells,
     Harmonics,

@@ -18,8 +18,8 @@ from ..frames.sources import AbstractSource
 from ..simulation.session import fastest_reading
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles
 from ..studies.study import Study
+from ..technique_contract.base import AbstractSpatial, AbstractTechnique
 from ..techniques import SSAA
-from ..techniques.base import AbstractSpatial, AbstractTechnique
 
 REFERENCE = "reference"
 DEFAULT = "default"

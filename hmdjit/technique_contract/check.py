@@ -17,8 +17,8 @@ from .. import _checks
 from .._types import Samples
 from ..frames.motion import Motion
 from .base import AbstractTechnique, State, mean_of_samples
-from .contract import check_contract
 from .display_stages import Displayed
+from .shapes import check_contract
 from .stencil import (
     TRIALS,
     TURNS_RAD,

@@ -20,6 +20,7 @@ neighbours in the current frame, the region is stepped in one piece.
 
 import abc
 import functools
+import re
 from typing import Any
 
 import equinox as eqx
@@ -28,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .. import color, sample_patterns
+from .. import _checks, color, sample_patterns
 from .._types import Rgb, Samples
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -36,6 +37,7 @@ from .small_motion import SmallMotion
 
 State = Any
 SPACES = ("gamma", "linear")
+OFF_SCREEN = ("clamp", "reject")
 _UNROLLED = 16  # samples that are added without a loop
 
 
@@ -48,9 +50,22 @@ class AbstractTechnique(eqx.Module):
         """Name in tables and on the command line."""
 
     @property
+    def paper(self) -> str:
+        """Whose it is, and from when, by the `Source` in its class's docstring."""
+        _, _, source = (type(self).__doc__ or "").partition("**Source:** ")
+        authors, _, rest = source.partition("\n\n")[0].partition(",")
+        year = re.search(r"\b(?:19|20)\d\d\b", rest)
+        return " ".join([*authors.split(), *([year[0]] if year else [])])
+
+    @property
     def needs(self) -> frozenset[str]:
         """Channels of a frame that are read; a scene must give them."""
         return frozenset({"color"})
+
+    @property
+    def reads_steps(self) -> bool:
+        """Whether it reads `Frame.steps`, so that no velocity stands for them."""
+        return False
 
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
@@ -143,7 +158,10 @@ class AbstractTemporal(AbstractTechnique):
     - `jitter`: whether the camera moves the samples; in a headset the head does, too.
     """
 
-    jitter: eqx.AbstractVar[bool]
+    jitter: bool = eqx.field(static=True, default=True, kw_only=True)
+
+    def __check_init__(self):
+        _checks.boolean("jitter", self.jitter)
 
     @property
     @abc.abstractmethod

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .. import _checks
-from .._types import Plane, Rgb, Scalar
-from ..filters import neighborhood
+from .._types import Rgb, Scalar
+from ..filters import motion_blur, neighborhood
 from ..frames import resampling
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -75,6 +75,11 @@ class Displayed(AbstractTechnique):
     def id(self) -> str:
         """`none+sharpen`: the technique's and the stage's."""
         return f"{self.technique.id}+{self.stage.id}"
+
+    @property
+    def paper(self) -> str:
+        """That of the technique."""
+        return self.technique.paper
 
     @property
     def needs(self) -> frozenset[str]:
@@ -222,7 +227,7 @@ class MotionBlur(AbstractStage):
             (-exposure * plane).astype(dtype)
             for plane in frame.reprojection(motion).px()
         )
-        length = _length(dx, dy)
+        length = motion_blur.length(dx, dy)
         taps = jnp.clip(jnp.floor(jax.lax.stop_gradient(length)), 1, self.most_taps)
         # A pixel without motion has a length of 0: it is not cut.
         cut = self.most_taps / jnp.maximum(length, self.most_taps)
@@ -247,10 +252,3 @@ class MotionBlur(AbstractStage):
         others = jnp.arange(1, self.most_taps, dtype=dtype)
         total, _ = jax.lax.scan(tap, picture, others)
         return total / taps[None]
-
-
-def _length(dx: Plane, dy: Plane) -> Plane:
-    """Euclidean length, whose slope at 0 is chosen as 0."""
-    squared = dx**2 + dy**2
-    is_zero = squared == 0
-    return jnp.where(is_zero, 0, jnp.sqrt(jnp.where(is_zero, 1, squared)))
