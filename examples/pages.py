@@ -37,6 +37,7 @@ SCENES = "scenes.png"
 """Picture of `contact_sheet.py`."""
 OF_THE_MODEL = (
     "all_techniques",
+    "dynamic_regions",
     "fitted_curves",
     "ghosting",
     "heads",

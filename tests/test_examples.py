@@ -29,6 +29,7 @@ PAGES = {
         *("--presets", "fixating", "--rates", "60", "--temporal", "karis"),
         *("--keep", "{keep}"),
     ),
+    "dynamic_regions": ("--sessions", "2", "--scenes", "fence"),
     "envelope": ("--csv", str(EXAMPLES / "envelope.csv")),
     "fitted_curves": (
         *("--heads", "fixating", "--rates", "60", "--scenes", "checkerboard"),
