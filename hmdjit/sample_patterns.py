@@ -95,15 +95,18 @@ def accumulation(samples: int) -> Pattern:
     return halton(samples, first=0, scrambled=True) - 0.5
 
 
-def jitter(
-    period: int, *, first: int = 1, scrambled: bool = False, spread_px: float = 1.0
-) -> Pattern:
+def jitter(period: int) -> Pattern:
     """Return where a jittered camera samples, frame by frame, shape `(period, 2)`.
 
     Halton points of bases (2, 3), mirrored at the pixel centre: published sequences say
     where the picture goes, which is the other way.
-
-    **Arguments:** `first`: index of frame 0's; `spread_px`: side of the square that
-    they fill.
     """
-    return spread_px * (0.5 - halton(period, first=first, scrambled=scrambled))
+    return 0.5 - halton(period)
+
+
+def thesis_jitter() -> Pattern:
+    """Return where the camera of Oliveros' thesis samples, frame by frame, `(16, 2)`.
+
+    Those of the accumulation buffer, over 1.7 px.
+    """
+    return 1.7 * accumulation(16)

@@ -20,6 +20,7 @@ from small import (
 )
 
 import hmdjit as hj
+from hmdjit import techniques
 from hmdjit.filters import neighborhood
 from hmdjit.frames.displacement import Reading
 from hmdjit.frames.sources import History
@@ -253,3 +254,15 @@ def test_numbers_and_choices_are_checked():
         MotionBlur(target_fps=0)
     with pytest.raises(ValueError, match="most_taps must be a whole number >= 1"):
         MotionBlur(most_taps=0)
+
+
+def test_what_is_said_of_a_technique_is_said_of_it_behind_a_stage():
+    # Of what moves with a stage nothing is known; all else is passed on.
+    own = {"small_motion"}
+    said = {
+        name
+        for name, value in vars(techniques.AbstractTechnique).items()
+        if not name.startswith("_") and (callable(value) or isinstance(value, property))
+    }
+    assert said - set(vars(Displayed)) <= own
+    assert Displayed(techniques.TIDOAA(), Sharpening()).reads_steps

@@ -240,6 +240,7 @@ NO_ROW = {
     "sample_patterns.halton": "radical_inverse",
     "sample_patterns.accumulation": "radical_inverse",
     "sample_patterns.jitter": "radical_inverse",
+    "sample_patterns.thesis_jitter": "radical_inverse",
     "color.to_ycocg": "sums of quarters",
     "color.from_ycocg": "sums of quarters",
     "theory.prediction.has_theory": "whole: true or false",

@@ -249,7 +249,7 @@ def changed(name, value, at=(3, 2, 1)):
         ("color", lambda g: {"depth": np.ones(PLANE, int)}, "depth must be floating"),
         ("color", lambda g: {"depth": g["depth"][1:]},
          r"depth must have the shape \(8, 18, 24\), got \(7, 18, 24\)"),
-        ("color", changed("object_id", -1), r"object_id must lie in \[0, 2147483647\]"),
+        ("color", changed("object_id", -1), r"object_id must lie in \[0, 16777215\]"),
         ("color", changed("object_id", 1.5), "object_id must be whole .*, got 1.5"),
         ("color", changed("object_id", np.nan), "object_id must lie in .* got nan"),
         ("color", changed("motion_class", 3), r"motion_class must lie in \[0, 2\]"),

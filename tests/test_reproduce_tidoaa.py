@@ -59,6 +59,7 @@ def test_a_path_turns_evenly_and_its_first_step_is_none():
     assert not np.asarray(motion.offset[:, [0, 2]]).any()
 
 
+@pytest.mark.slow
 def test_what_is_played_is_what_techniques_show():
     camera, scene = hj.Camera(16, 12, 40.0, 60.0), hj.scenes.moving_sphere()
     motion = played.turning(jnp.float32(0.0), jnp.float32(0.0), 3)

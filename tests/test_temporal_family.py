@@ -120,3 +120,16 @@ def test_speed_blurs_what_is_shown_and_not_what_is_kept(rng):
     sharp, blurred = shown(Inside()), shown(Inside(motion_blur=True))
     np.testing.assert_array_equal(blurred[[0, 2]], sharp[[0, 2]])
     assert blurred[1].var() < 0.5 * sharp[1].var()
+
+    # A smear is cut to 64 px: half of it is as far as a stencil says.
+    far = np.zeros((3, 1, 256, 3))
+    far[:, :, 200] = 1
+    camera = hj.Camera(256, 1, 40.0, 60.0)
+    wide = {
+        "depth": np.ones((3, 1, 256)),
+        "velocity_px": np.broadcast_to([200.0, 0], (3, 1, 256, 2)),
+    }
+    technique = Inside(motion_blur=True, jitter=False)
+    found = np.asarray(hj.apply(technique, camera, far, small.STILL[:3], **wide))[1]
+    (lit,) = np.nonzero(found[0, :, 0] > 1e-6)
+    assert np.abs(lit - 200).max() <= technique.stencil_radius_px

@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 
 import jax
@@ -10,6 +11,7 @@ from small import quickly
 
 import hmdjit as hj
 from hmdjit.frames.motion import Motion
+from hmdjit.frames.velocity import past_displacement
 from hmdjit.techniques import (
     TIDOAA,
     Amortized,
@@ -99,6 +101,37 @@ def frames_of(technique, clip):
         jitter_px = jnp.asarray(clip.jitter_px[k])
         frame = hj.Frame(color[k], CAMERA, region, channels=needed, jitter_px=jitter_px)
         yield frame, jax.tree.map(row, motion)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technique", [Amortized(subpixel=True, jitter=False)])
+def test_without_jitter_cells_take_turns_however_velocity_is_known(technique):
+    clip = clip_of("inside")
+    flat, poses = np.full_like(clip.depth, 2.0), clip.poses[:, :4]
+    motion = Motion.of(jnp.asarray(poses))
+
+    @jax.vmap
+    def velocity(increment):
+        still = jnp.zeros(3)
+        x, y = jnp.asarray(clips.X_PX, float), jnp.asarray(clips.Y_PX, float)
+        past = past_displacement(CAMERA, x, y, jnp.asarray(flat[0]), increment, still)
+        return -jnp.stack(past, axis=-1)
+
+    given = np.asarray(velocity(motion.increment))
+    shown = lambda **more: np.asarray(
+        hj.apply(technique, CAMERA, clip.color, poses, depth=flat, **more)
+    )
+    np.testing.assert_allclose(shown(), shown(velocity_px=given), atol=1e-9)
+    still = clip._replace(velocity_px=given, depth=flat)
+    by_turns = oracle.amortized_subpixel(still, jitters=False)
+    np.testing.assert_allclose(shown(), by_turns, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_where_samples_lie_is_taken_as_it_is_given():
+    clip = clip_of("inside")
+    still = dataclasses.replace(Inside(), jitter=False)
+    np.testing.assert_array_equal(shown(still, clip), shown(Inside(), clip))
 
 
 # --- the world that they are held on ---

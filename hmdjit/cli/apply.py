@@ -148,6 +148,13 @@ class ApplyCommand(ChannelFolders, PoseLog):
             console.out(note)
         camera, poses = self._viewing(console, frames, size)
         channels = self.of_techniques(console, chosen, frames, size)
+        for technique in chosen:
+            period, samples, _ = technique.sample_offsets_px.shape
+            if samples == 1 and technique.sample_offsets_px.any():
+                console.out(
+                    f"{technique.id} takes frames to be jittered by its own {period} "
+                    "places in turn; name it with _no_jitter where they are not."
+                )
         fit = None if poses is None else PoseFit(camera, poses[:, :4])
         references: Iterable[Picture | None] = itertools.repeat(None)
         if self.reference is not None:

@@ -105,8 +105,11 @@ def _described(technique: AbstractTechnique) -> Iterator[Any]:
     period, samples, _ = technique.sample_offsets_px.shape
     yield technique.id
     yield technique.paper or None
-    jitters = "optional" if hasattr(technique, "jitter") else "yes"
-    yield jitters if period > 1 or hasattr(technique, "jitter") else "no"
+    inner = technique
+    while isinstance(inner, techniques.Displayed):
+        inner = inner.technique
+    is_temporal = isinstance(inner, techniques.AbstractTemporal)
+    yield "optional" if is_temporal else "yes" if period > 1 else "no"
     yield samples
     yield " ".join(sorted(technique.needs, key=list(CHANNELS).index))
 

@@ -19,6 +19,12 @@ def length(dx: Plane, dy: Plane) -> Plane:
     return jnp.where(is_zero, 0, jnp.sqrt(jnp.where(is_zero, 1, squared)))
 
 
+def cut(dx: Plane, dy: Plane, longest_px: int) -> tuple[Plane, Plane]:
+    """Shorten what is longer; what has no length stays as it is."""
+    share = longest_px / jnp.maximum(length(dx, dy), longest_px)
+    return dx * share, dy * share
+
+
 def smeared(
     colors: Rgb,
     displacement: AnyDisplacement,

@@ -15,6 +15,9 @@ from ..frames.sources import History
 from . import neighborhood
 from .neighborhood import Box, FloatPlanes, apart
 
+THESIS_FEEDBACK = 0.925, 0.979
+"""Weights of the past in Oliveros' thesis, least and largest, see `feedback_weight`."""
+
 _LEAST_EXTENT = 1e-6  # of a box: one of a single colour has none
 _LEAST_LUMA = 0.2  # that a difference of luma is held against
 

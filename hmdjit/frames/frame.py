@@ -86,6 +86,11 @@ class Frame(eqx.Module):
         """Gamma colour of the first sample's surface before it is lit."""
         return self.channels["albedo"][0]
 
+    @property
+    def content_px(self) -> Float[Array, "2"] | None:
+        """Where the content of pixels' centres lies, from these, px; None is there."""
+        return None if self.jitter_px is None else -self.jitter_px
+
     def displacement(self, rotation: RotationVector) -> Displacement:
         """Where the sources of this frame's pixels lie when their rays are turned."""
         return Displacement(self.camera, self.region, rotation, None, self.reading)

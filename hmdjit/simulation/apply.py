@@ -68,19 +68,21 @@ def apply(
       in float32, history and result included.
     - `poses`: `world_from_head` of each frame, `(frames, 4)`, unit length; or with the
       eye's position in metres (world, x right, y up, z back) `(frames, 7)`.
-    - `static_mask`: True where the scene is static, `(frames, height, width)`.
+    - `static_mask`: True where the scene is static, `(frames, height, width)`; head
+      movement alone reads it.
 
     Channels, of the shape of `frames` without its colours, for techniques that need
     them (`technique.needs`); what a technique does not need is checked and not used:
 
     - `depth`: distance from the eye along -z, m, above 0; inf where there is nothing.
-    - `object_id`: whole numbers from 0 on; 0 is the background.
+    - `object_id`: whole numbers from 0 to 2^24 - 1; 0 is the background.
     - `motion_class`: 0 static, 1 rigid, 2 deforming.
     - `albedo`: gamma colour before it is lit, as `frames`.
     - `velocity_px`: how the content moved since the last frame, px, x right and y down,
       `(..., 2)`. Without it: as the head turns, where the eye stays in its place; else
       derived from `depth` and `poses`, and from `object_id` and `object_poses` where
       objects move by themselves.
+      TIDOAA, which moves samples forward, does so by depth and poses alone.
     - `object_poses`: world from object, as `poses`, `(frames, objects, 7)`; row i is of
       the object with the id i.
     - `jitter_px`: where the one sample of each pixel lies, from its centre, px, x right

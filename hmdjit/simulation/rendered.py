@@ -27,7 +27,7 @@ KEYWORDS = {
 }
 """By which keyword of `apply`, and which option, a channel is given."""
 
-_MOST = {"object_id": 2**31 - 1, "motion_class": len(MOTION_CLASSES) - 1}
+_MOST = {"object_id": 2**24 - 1, "motion_class": len(MOTION_CLASSES) - 1}
 _MOST_JITTER_PX = 1.5
 _RIGID = MOTION_CLASSES.index("rigid")
 
@@ -44,12 +44,14 @@ class Views(eqx.Module):
     - `steps`: increment and translation of the head against each object, for techniques
       that read them.
     - `samples_px`: where samples lie, from the pixel centre; None where nobody asks.
+    - `jitters`: whether the one sample of a pixel is said to lie elsewhere.
     """
 
     motion: Motion
     against: Against | None
     steps: Against | None
     samples_px: Float[Array, "*rows samples 2"] | None
+    jitters: bool = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -77,16 +79,18 @@ class Views(eqx.Module):
         if "velocity" in technique.needs - set(given):
             against = _made_of(technique, motion, objects, given)
         rows = technique.sample_offsets_px
-        is_asked = against is not None or (rows.shape[1] == 1 and rows.any())
+        is_single = rows.shape[1] == 1
+        is_elsewhere = jitter_px is not None or bool(rows.any())
+        jitters = is_single and is_elsewhere and technique.reads_jitter
         if jitter_px is not None:
             count = np.shape(jitter_px)[:1] if poses is None else (len(poses),)
             _check_shape("jitter_px", jitter_px, (*count, 2))
             _check_range("jitter_px", jitter_px, -_MOST_JITTER_PX, _MOST_JITTER_PX)
-            rows = np.asarray(jitter_px)[:, None] if rows.shape[1] == 1 else rows
+            rows = np.asarray(jitter_px)[:, None] if is_single else rows
+        is_asked = jitters or against is not None
         samples_px = jnp.asarray(rows, dtype) if is_asked else None
-        return cls(
-            motion, against, objects if technique.reads_steps else None, samples_px
-        )
+        steps = objects if technique.reads_steps else None
+        return cls(motion, against, steps, samples_px, jitters)
 
     def at(self, k: int) -> "Views":
         """Return that of frame k."""
@@ -182,7 +186,7 @@ class Rendered(eqx.Module):
         needs, place, jitter_px = technique.needs, view.samples_px, None
         channels = {name: each for name, each in self.channels.items() if name in needs}
         if place is not None:
-            jitter_px = place[0] if len(place) == 1 else None
+            jitter_px = place[0] if view.jitters else None
             if view.against is not None:
                 velocity = self._velocity(camera, place, *view.against)
                 channels["velocity"] = velocity

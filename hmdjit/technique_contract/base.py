@@ -63,6 +63,11 @@ class AbstractTechnique(eqx.Module):
         return frozenset({"color"})
 
     @property
+    def reads_jitter(self) -> bool:
+        """Whether it matters where in its pixel a frame's one sample lies."""
+        return bool(self.sample_offsets_px.any())
+
+    @property
     def reads_steps(self) -> bool:
         """Whether it reads `Frame.steps`, so that no velocity stands for them."""
         return False
@@ -173,6 +178,11 @@ class AbstractTemporal(AbstractTechnique):
         """The pattern, or the centre without jitter."""
         pattern = self.jitter_pattern_px if self.jitter else sample_patterns.centre()
         return pattern[:, None]
+
+    @property
+    def reads_jitter(self) -> bool:
+        """Frames that are rendered elsewhere may be jittered, whatever is asked for."""
+        return True
 
     def _id(self, *words: str) -> str:
         """Join what is not a default, jitter last; empty words are left out."""

@@ -134,6 +134,16 @@ class Displayed(AbstractTechnique):
         return self.technique.reads_supersampled
 
     @property
+    def reads_jitter(self) -> bool:
+        """As the technique."""
+        return self.technique.reads_jitter
+
+    @property
+    def reads_steps(self) -> bool:
+        """As the technique."""
+        return self.technique.reads_steps
+
+    @property
     def shades_once_per_pixel(self) -> bool:
         """As the technique."""
         return self.technique.shades_once_per_pixel
@@ -229,9 +239,7 @@ class MotionBlur(AbstractStage):
         )
         length = motion_blur.length(dx, dy)
         taps = jnp.clip(jnp.floor(jax.lax.stop_gradient(length)), 1, self.most_taps)
-        # A pixel without motion has a length of 0: it is not cut.
-        cut = self.most_taps / jnp.maximum(length, self.most_taps)
-        dx, dy = dx * cut, dy * cut
+        dx, dy = motion_blur.cut(dx, dy, self.most_taps)
         spacing = 1 / jnp.maximum(taps - 1, 1)
         columns = jnp.arange(region.width, dtype=jnp.int32)[None, :]
         rows = jnp.arange(region.height, dtype=jnp.int32)[:, None]

@@ -10,7 +10,7 @@ from .. import _checks, color, sample_patterns
 from .._types import Rgb
 from ..filters import motion_blur, neighborhood, temporal
 from ..filters.neighborhood import Box
-from ..frames.displacement import AnyDisplacement
+from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
@@ -20,7 +20,8 @@ _FEEDBACK = 0.88, 0.97  # weight of the past, least and largest
 _CHROMA = 0.125  # half the extent of chroma's box, of luma's extent
 _TRUST_PX = 2.0, 15.0  # speeds up to which, and from which, blur is not, and all
 _TAPS = 7
-_REACH_PX = 34  # of the smear of a speed just below 64 px, jittered
+_LONGEST_PX = 64  # smear
+_REACH_PX = _LONGEST_PX // 2 + 2  # of it, jittered
 
 
 class Inside(AbstractTemporal):
@@ -122,10 +123,11 @@ def _blurred(sharp: Rgb, at: AnyDisplacement, frame: Frame) -> Rgb:
     speed_px = motion_blur.length(*at.px())
     slow, fast = _TRUST_PX
     share = jnp.clip((speed_px - slow) / (fast - slow), 0, 1)[None]
-    aside = None if frame.jitter_px is None else -frame.jitter_px
 
     def blurred() -> Rgb:
-        return motion_blur.smeared(frame.color[0], at, aside, _TAPS)
+        ways = motion_blur.cut(*at.px(), _LONGEST_PX)
+        way = DisplacementField(frame.camera, frame.region, *ways, None, frame.reading)
+        return motion_blur.smeared(frame.color[0], way, frame.content_px, _TAPS)
 
     def mixed() -> Rgb:
         return sharp + share * (blurred() - sharp)

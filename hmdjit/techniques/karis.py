@@ -73,8 +73,7 @@ def _sampled(frame: Frame) -> Rgb:
 
 def _filtered(ycocg: Rgb, frame: Frame) -> Rgb:
     """Un-jitter by a Gaussian about the samples' places."""
-    away = None if frame.jitter_px is None else -frame.jitter_px
-    return neighborhood.gaussian_mean(ycocg, away, _DECAY_PX2)
+    return neighborhood.gaussian_mean(ycocg, frame.content_px, _DECAY_PX2)
 
 
 def _tone_weight(ycocg: Rgb) -> Plane:

@@ -18,8 +18,6 @@ from ..technique_contract.base import OFF_SCREEN, AbstractTemporal
 from ..technique_contract.display_stages import Sharpening
 
 DEPTH_HISTORIES = ("same_pixel", "reprojected")
-_FEEDBACK = 0.925, 0.979  # weight of the past, least and largest
-_SPREAD_PX = 1.7
 
 
 class Kept(NamedTuple):
@@ -74,7 +72,7 @@ class SobelTAA(AbstractTemporal):
     @property
     def jitter_pattern_px(self) -> Float[np.ndarray, "period 2"]:
         """Scrambled Halton points: as the accumulation buffer's, farther apart."""
-        return _SPREAD_PX * sample_patterns.accumulation(16)
+        return sample_patterns.thesis_jitter()
 
     @property
     def stencil_radius_px(self) -> int:
@@ -96,10 +94,9 @@ class SobelTAA(AbstractTemporal):
         depth = temporal.thesis_depth(frame.depth)
         edges = aliasing.edge_strength(frame.color[0], frame.albedo, depth)
         shown = jnp.concatenate([frame.color[0], edges[None]])
-        aside = None if frame.jitter_px is None else -frame.jitter_px
         return Kept(
             History.of(temporal.unjittered(shown, frame.jitter_px)),
-            History.of(neighborhood.shifted_nearest(depth[None], aside)),
+            History.of(neighborhood.shifted_nearest(depth[None], frame.content_px)),
         )
 
     def step(self, state: Kept, frame: Frame, motion: Motion) -> tuple[Kept, Rgb]:
@@ -114,7 +111,7 @@ class SobelTAA(AbstractTemporal):
 
         past = neighborhood.apart(clipped, seen.current)
         lumas = color.to_ycocg(seen.current)[0], color.to_ycocg(past)[0]
-        weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
+        weight = temporal.feedback_weight(*lumas, *temporal.THESIS_FEEDBACK)
         shown = seen.current + weight[None] * (past - seen.current)
         kept = jnp.concatenate([shown, seen.temporal_sobel[None]])
         state = Kept(History.of(kept), History.of(seen.depth[None]))
@@ -124,7 +121,6 @@ class SobelTAA(AbstractTemporal):
         """Return what the picture of a frame is made of."""
         at = temporal.unjittered_reprojection(frame, motion)
         clamps = self.off_screen == "clamp"
-        aside = None if frame.jitter_px is None else -frame.jitter_px
         depth = temporal.thesis_depth(frame.depth)
         sobel = aliasing.edge_strength(frame.color[0], frame.albedo, depth)
 
@@ -133,15 +129,17 @@ class SobelTAA(AbstractTemporal):
         now = jnp.concatenate([current, edges[:, 1:-1, 1:-1]])
         past = temporal.past(state.shown, at, now, clamps=clamps)
         box = neighborhood.rounded_box(edges, margin_px=1)
-        weight = temporal.feedback_weight(now[3], past[3], *_FEEDBACK)
+        weight = temporal.feedback_weight(now[3], past[3], *temporal.THESIS_FEEDBACK)
         kept = jnp.clip(past[3], box.low[0], box.high[0])
         temporal_sobel = neighborhood.apart(
             lambda: now[3] + weight * (kept - now[3]), current
         )
 
-        ids = neighborhood.shifted_nearest(frame.object_id, aside, margin_px=1)
+        ids = neighborhood.shifted_nearest(
+            frame.object_id, frame.content_px, margin_px=1
+        )
         models = aliasing.differing_share(ids, depth.dtype)
-        depths = neighborhood.shifted_nearest(depth, aside, margin_px=1)
+        depths = neighborhood.shifted_nearest(depth, frame.content_px, margin_px=1)
         depth = depths[1:-1, 1:-1]
         if self.depth_history == "reprojected":
             (past_depth,) = same_surface.nearest(state.depth, at)

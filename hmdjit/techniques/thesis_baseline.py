@@ -13,8 +13,6 @@ from ..frames.sources import History
 from ..technique_contract.base import OFF_SCREEN, AbstractTemporal
 from ..technique_contract.display_stages import Sharpening
 
-_FEEDBACK = 0.925, 0.979  # weight of the past, least and largest
-_SPREAD_PX = 1.7
 _TIE = 1e-5
 
 
@@ -50,7 +48,7 @@ class ThesisBaseline(AbstractTemporal):
     @property
     def jitter_pattern_px(self) -> Float[np.ndarray, "period 2"]:
         """Scrambled Halton points: as the accumulation buffer's, farther apart."""
-        return _SPREAD_PX * sample_patterns.accumulation(16)
+        return sample_patterns.thesis_jitter()
 
     @property
     def stencil_radius_px(self) -> int:
@@ -80,6 +78,6 @@ class ThesisBaseline(AbstractTemporal):
         box = neighborhood.rounded_box(around, margin_px=1)
         past = temporal.clip_to_center(past, box)
         lumas = color.to_ycocg(current)[0], color.to_ycocg(past)[0]
-        weight = temporal.feedback_weight(*lumas, *_FEEDBACK)
+        weight = temporal.feedback_weight(*lumas, *temporal.THESIS_FEEDBACK)
         kept = current + weight[None] * (past - current)
         return History.of(kept), Sharpening("xu").show(kept, frame, motion)

@@ -21,7 +21,7 @@ class TwoFrame(AbstractTemporal):
 
     `w = sat(1 - 30 sqrt(||v_k(p)| - |v_{k-1}(p - v)||)) / 2` is the weight of the last
     frame, as it was rendered, where the pixel was; 0 off screen. Speeds are in widths
-    and heights of the camera frame per frame, that of the first frame is 0.
+    and heights of the camera frame per frame.
 
     - `jitter`: whether the camera samples a quarter pixel to both sides in turn.
 
