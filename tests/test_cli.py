@@ -120,7 +120,7 @@ def test_small_tiles_are_said(more, is_said, tmp_path, capsys, monkeypatch):
 
 def _interrupted(out, after_s):
     """Exit code and errors of a study, interrupted so long after its first import."""
-    study = [*SMALL, "--sessions", "9999", "--out", str(out)]
+    study = [*SMALL, "--sessions", "99999", "--out", str(out)]
     process = subprocess.Popen(
         [sys.executable, "-m", "hmdjit", *study],
         stdout=subprocess.PIPE,

@@ -248,7 +248,7 @@ class HeadMovement(AbstractTechnique):
     def history_gain(
         self, speed_deg_s: Float[np.ndarray, "*sessions frames"]
     ) -> Float[np.ndarray, "*sessions frames"]:
-        """How much of an error in the history remains; all, if frames say what moves.
+        """How much of an error in the history remains.
 
         An error e in the history changes `(1 - A) H` by `(1 - A) e`, at most
         `(1 - w_lb) (1 - E) e`; and A itself through equation (5) by at most
@@ -259,8 +259,8 @@ class HeadMovement(AbstractTechnique):
         easing = np.asarray(
             blending.ease(jnp.asarray(speed_deg_s), self.h_max_deg_s, self.ease)
         )
-        if self.dynamic == "frames":  # it may decide whether a pixel is blended
-            return np.where(easing < 1, 1.0, 0.0)
+        if self.dynamic == "frames":  # however small, it may decide what is blended
+            return np.where(easing < 1, 1e5, 0.0)
         w_min, w_lb = float(self.w_min), float(self.w_lb)
         steepest = self.localization.steepest
         return (1 - w_min + (1 + steepest) * (w_min - w_lb)) * (1 - easing)
