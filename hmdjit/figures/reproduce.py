@@ -21,9 +21,11 @@ def draw(found: Found) -> Figure:
     Left is the paper's own question; on the right it is the first row of each claim's
     column, and what other measures say of it lies below.
     """
-    width, height = 13.5, 1.6 + 0.62 * len(found.measures)
+    sides = [3.75, 2.45 * len(found.asked)]
+    height = max(4.0, 1.6 + 0.62 * len(found.measures))
+    footer = f"{found.about} {made_by()}."
     figure, ((left, right),) = drawing.panels(
-        width, height, f"{found.about} {made_by()}.", columns=2, width_ratios=[1, 2.6]
+        sum(sides), height, footer, columns=2, width_ratios=sides
     )
     _means(left, found)
     _matrix(right, found)
@@ -47,13 +49,13 @@ def _means(axes: Axes, found: Found) -> None:
                 capsize=2.5,
                 label=case if place == 0 else None,
             )
-    axes.set_xticks(range(len(names)), names)
+    axes.set_xticks(range(len(names)), [textwrap.fill(name, 10) for name in names])
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y")
-    axes.set_ylabel(f"{first[0].measure}, {first[0].unit}")
+    axes.set_ylabel(textwrap.fill(f"{first[0].measure}, {first[0].unit}", 34))
     axes.set_title("What was measured")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
 
 
 def _matrix(axes: Axes, found: Found) -> None:
@@ -74,11 +76,10 @@ def _matrix(axes: Axes, found: Found) -> None:
         numbers = f"{claim.value:.3g} [{claim.low:.3g}, {claim.high:.3g}]"
         axes.text(x, y + 0.2, numbers, fontsize=drawing.NUMBER, **middle)
     asked = {claim.claim: claim.quantity for claim in found.asked}
-    letters = 120 // len(claims)
     heads = [
-        textwrap.fill(f"{k}. {claim}", letters)
+        textwrap.fill(f"{k}. {claim}", 30)
         + "\n"
-        + textwrap.fill(f"({asked[claim]})", letters)
+        + textwrap.fill(f"({asked[claim]})", 32)
         for k, claim in enumerate(claims, 1)
     ]
     axes.xaxis.tick_top()
