@@ -11,30 +11,17 @@ theory.
 
 import argparse
 
-import equinox as eqx
 import matplotlib
 import numpy as np
 from matplotlib import pyplot as plt
 
 import hmdjit as hj
 from hmdjit.estimates.intervals import ratio_interval
+from hmdjit.reproductions.kim_map import head_of
 from hmdjit.studies.measured_blocks import CentralCrop
 
 RATE_HZ, FRAMES, WARMUP = 60.0, 10, 12
 W_MIN, D = 0.3, 2 / 3  # Kim et al.
-
-
-def head(correlation: float, deg_per_frame: float) -> hj.HeadMotion:
-    """Ornstein-Uhlenbeck velocity of a given correlation between frames, no noise."""
-    tau_s = 1e-4 if correlation == 0 else -1 / (RATE_HZ * np.log(correlation))
-    model = hj.HeadMotion(
-        speed_rms_deg_s=(1.0, 1.0, 0.0),
-        correlation_time_s=(tau_s, tau_s, tau_s),
-        tracker_noise_deg=(0.0, 0.0, 0.0),
-        person_sd=0.0,
-    )
-    scale = deg_per_frame / (float(model.increment_rms_deg(RATE_HZ)) / np.sqrt(2))
-    return eqx.tree_at(lambda m: m.speed_rms_deg_s, model, (scale, scale, 0.0))
 
 
 def lag_one_correlation(model: hj.HeadMotion, axis: int = 0) -> float:
@@ -80,7 +67,7 @@ def main() -> None:
     for px_per_frame in (0.1, 0.3, 1.0):
         points = []
         for correlation in correlations:
-            model = head(correlation, px_per_frame / px_per_deg)
+            model = head_of(correlation, px_per_frame / px_per_deg, RATE_HZ)
             study = hj.Study(
                 scenes={"noise": hj.scenes.power_law_noise()},
                 techniques=[hj.techniques.by_id("none"), hj.techniques.HeadMovement()],
@@ -105,7 +92,7 @@ def main() -> None:
         error = (value - low, high - value)
         label = f"{px_per_frame:g} px per frame and axis"
         axis.errorbar(x, value, error, marker="o", capsize=3, label=label)
-    lines = [head(c, 0.01) for c in np.linspace(0, 0.99, 40)]
+    lines = [head_of(c, 0.01, RATE_HZ) for c in np.linspace(0, 0.99, 40)]
     expected = [(lag_one_correlation(m), theory(m)) for m in lines]
     axis.plot(*np.array(expected).T, "k--", label="small-motion theory")
     axis.axhline(0.56, color="grey", linewidth=1)

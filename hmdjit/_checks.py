@@ -59,6 +59,24 @@ def in_range(
         )
 
 
+def all_in_range(
+    name: str, values: Any, low: float | int = -math.inf, high: float | int = math.inf
+) -> None:
+    """Raise unless all numbers are finite and within a range; names the first."""
+    if not is_traced(values):
+        values = np.asarray(values)
+        good = np.isfinite(values) & (values >= low) & (values <= high)
+        for wrong in values[~good][:1]:
+            in_range(name, wrong, low, high)
+
+
+def shape(name: str, values: Any, sizes: tuple[int, ...]) -> None:
+    """Raise unless an array has a shape."""
+    if np.shape(values) != sizes:
+        found = tuple(np.shape(values))
+        raise ValueError(f"{name} must have the shape {sizes}, got {found}.")
+
+
 def _written(value: Any, *bounds: Any) -> str:
     return str(value) if isinstance(value, int) else apart(value, *bounds)
 

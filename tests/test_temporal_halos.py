@@ -9,6 +9,7 @@ import small
 import hmdjit as hj
 from hmdjit.frames.sources import AbstractSource
 from hmdjit.simulation.halo import HALO_TOLERANCE, needed_halo_px
+from hmdjit.studies.measured_blocks import Tiles, WholeFrame
 from hmdjit.technique_contract.base import AbstractTemporal
 
 SIDE, TILE, FRAMES = 80, 16, 6
@@ -19,6 +20,7 @@ TEMPORAL = [
     for technique in map(hj.techniques.by_id, hj.techniques.IDS)
     if isinstance(technique, AbstractTemporal)
 ]
+DEFAULTS = [t for t in TEMPORAL if t == type(t)()]
 MOST_PX = 1.2  # that things move per frame
 
 
@@ -30,13 +32,13 @@ class Moving(AbstractSource):
         return frozenset({"color"})
 
     def seen(self, view, samples_px, channels):
-        raise NotImplementedError
+        raise AssertionError("nothing is rendered here")
 
     def reference(self, view):
-        raise NotImplementedError
+        raise AssertionError("nothing is rendered here")
 
     def covers(self, camera, region, motion):
-        raise NotImplementedError
+        raise AssertionError("nothing is rendered here")
 
     def velocity_bounds(self, view):
         return jnp.asarray([[-MOST_PX] * 2, [MOST_PX] * 2], view.motion.offset.dtype)
@@ -95,3 +97,20 @@ def test_what_lies_beyond_the_halo_does_not_reach_the_tile(clip, technique, scen
     # The bound is not empty. (Two frames of a picture are not mixed at such speeds.)
     is_mixed = technique.id != "two_frame" or scene == "solids"
     assert not is_mixed or difference[halo, halo].max() > HALO_TOLERANCE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["noise", "solids"])
+def test_a_study_by_tiles_is_that_of_the_whole_frame(scene):
+    scenes = {"noise": small.NOISE, "solids": small.solids(movement=None)}
+    # All 16 tiles: their mean is that of the frame.
+    tiles, whole = (
+        small.study(
+            scenes={scene: scenes[scene]},
+            techniques=[hj.techniques.NoAntialiasing(), *DEFAULTS],
+            measure=measure,
+            sessions=2,
+        ).run(0)["mtcd"]
+        for measure in (Tiles(16, 16), WholeFrame())
+    )
+    np.testing.assert_allclose(tiles, whole, rtol=1e-4)

@@ -70,7 +70,7 @@ def _map(places: list[Place], footer: str) -> Figure:
         _ratios(axes, here)
         axes.set_title(f"{scene}, {rate_hz:g} Hz, warm-up {warmup}", fontsize=9)
     figure.suptitle(
-        f"MTCD of ours over no AA; the line is the paper's {PAPERS_RATIO:g}",
+        f"MTCD of head movement over no AA; the line is the paper's {PAPERS_RATIO:g}",
         fontsize=10,
     )
     for axes in panels[-1]:

@@ -15,11 +15,7 @@ from .._types import Mask, Numbers, Plane, RotationVector
 from ..camera import Camera, Region
 
 SAMPLERS = ("slices", "gather", "plain", "at_rest")
-
-
 FILTERS = ("nearest", "bilinear", "catmull_rom")
-
-
 WARPS = ("homography", "affine", "shift")
 
 
@@ -58,11 +54,7 @@ class Reading(eqx.Module):
 
 
 GATHER = Reading()
-
-
 SLICES = Reading("slices")
-
-
 AT_REST = Reading("at_rest")
 
 

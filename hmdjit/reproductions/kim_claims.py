@@ -17,7 +17,7 @@ _ALIKE = 0.05  # relative: two that differ less are almost identical
 MOST_SHARE = 0.1  # of a frame's time
 TIMED, TIMED_PX = "atrium", 256
 UNIT = MTCD().unit
-NAMES = {"none": "no AA", "msaa4": "MSAA", "head_movement": "ours"}
+NAMES = {"none": "no AA", "msaa4": "MSAA", "head_movement": "head movement"}
 """What the paper calls its three conditions."""
 
 OURS, COMBINED = "head_movement", "head_movement+msaa4"
@@ -43,11 +43,12 @@ def claims_on_pictures(
         Claim.of(
             "MTCD is 56 % of that with MSAA, on average",
             "MTCD, pictures",
-            "mean MTCD of ours over MSAA's",
+            "mean MTCD of head movement over MSAA's",
             ratio,
             "",
             within(less(ratio, PAPERS_RATIO), ROUNDING),
             f"{means_} code values; {_where(places)}",
+            "figure 3",
         ),
         Claim.of(
             "without AA and with MSAA it is almost identical",
@@ -57,16 +58,18 @@ def claims_on_pictures(
             "",
             within(less(plain, 1.0), _ALIKE),
             f"alike is within {_ALIKE:g}; a picture has no edges of geometry",
+            "figure 3",
         ),
         Claim.of(
             "the least MTCD of any picture is almost the same",
             "MTCD, pictures",
-            "MSAA minus ours on the calmest picture, over that of the means",
+            "MSAA minus head movement on the calmest picture, over that of the means",
             apart,
             "",
             within(apart, MOST_SHARE),
             f"alike is within {MOST_SHARE:g}; {sizes[0]} ({at[0]}) and {sizes[1]} "
             f"({at[1]}) code values",
+            "figure 3",
         ),
     ]
 
@@ -90,7 +93,8 @@ def claims_on_solids(values: Values) -> list[Claim]:
             plain,
             "",
             within(less(plain, 1.0), _ALIKE),
-            "edges of geometry flicker, and MSAA smooths those: theirs were pictures",
+            "solids have edges, which MSAA smooths: theirs were pictures",
+            "figure 3",
         ),
         Claim.of(
             "combined with MSAA it performs best",
@@ -109,7 +113,7 @@ def claim_on_cost(share: Interval) -> Claim:
     return Claim.of(
         "it takes less than 10 % of a frame",
         "time",
-        f"time of ours over that of rendering {TIMED}",
+        f"time that it adds, over that of rendering {TIMED}",
         share,
         "",
         below(share, MOST_SHARE),

@@ -36,7 +36,7 @@ CAMERA = Camera(width_px=160, height_px=160, fov_deg=60.0, refresh_hz=60.0)
 SESSIONS, QUICK_SESSIONS = 48, 4
 
 SPEEDS_DEG = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0)  # per frame
-_QUICK_SPEEDS_DEG = (0.25, 1.0, 5.0, 12.0)
+_QUICK_SPEEDS_DEG = (0.25, 3.0, 12.0)
 _OBJECT_SPEED_DEG = 1.0  # of the camera, where single things are looked at
 _WARMUP, _FRAMES = 6, 10
 _MOST_DEG = 25.0  # that a session looks aside at first

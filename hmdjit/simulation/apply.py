@@ -121,10 +121,8 @@ def apply(
         )
     mask_shape = (count, *size[:2])
     mask = None if static_mask is None else jnp.asarray(static_mask, bool)
-    if mask is not None and mask.shape != mask_shape:
-        raise ValueError(
-            f"static_mask must have the shape {mask_shape}, got {tuple(mask.shape)}."
-        )
+    if mask is not None:
+        _checks.shape("static_mask", mask, mask_shape)
     shape = tuple(frames.shape[:-1])
     channels = checked_channels(technique, given, views, shape, frames.dtype)
     color = jnp.moveaxis(frames if frames.ndim == 5 else frames[:, None], -1, 2)

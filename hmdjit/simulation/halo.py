@@ -24,6 +24,7 @@ HALO_TOLERANCE = 1e-5
 """What a halo's outer edge does may reach measured pixels with less than this."""
 
 
+_SEEN = {"velocity", "depth"}  # by which reads of the past depend on what is seen
 _WIDEST_PX = 4096  # a halo as wide as this reaches the edges of the camera frame
 
 
@@ -100,9 +101,7 @@ def needed_halo_px(
     **Errors:** `ValueError` for a technique that reads its history inside of another
     traced function.
     """
-    if technique.needs.isdisjoint(
-        {"velocity", "depth"}
-    ):  # what is seen does not matter
+    if technique.needs.isdisjoint(_SEEN):  # no read depends on what is seen
         source = None
     count, frame = origins.shape[0], (camera.width_px, camera.height_px)
     if block == frame:

@@ -84,8 +84,10 @@ class Views(eqx.Module):
         jitters = is_single and is_elsewhere and technique.reads_jitter
         if jitter_px is not None:
             count = np.shape(jitter_px)[:1] if poses is None else (len(poses),)
-            _check_shape("jitter_px", jitter_px, (*count, 2))
-            _check_range("jitter_px", jitter_px, -_MOST_JITTER_PX, _MOST_JITTER_PX)
+            _checks.shape("jitter_px", jitter_px, (*count, 2))
+            _checks.all_in_range(
+                "jitter_px", jitter_px, -_MOST_JITTER_PX, _MOST_JITTER_PX
+            )
             rows = np.asarray(jitter_px)[:, None] if is_single else rows
         is_asked = jitters or against is not None
         samples_px = jnp.asarray(rows, dtype) if is_asked else None
@@ -139,11 +141,11 @@ def _against(motion: Motion, poses: Any, object_poses: Any) -> Against:
             "poses must say where the eye is, (frames, 7), if there are object_poses."
         )
     objects = np.shape(object_poses)[1:2]
-    _check_shape("object_poses", object_poses, (len(poses), *objects, 7))
+    _checks.shape("object_poses", object_poses, (len(poses), *objects, 7))
     found = np.asarray(object_poses, np.float64)
-    _check_range("object_poses", found)
+    _checks.all_in_range("object_poses", found)
     length = np.linalg.norm(found[..., :4], axis=-1)
-    _check_range("lengths of quaternions in object_poses", length, 0.99, 1.01)
+    _checks.all_in_range("lengths of quaternions in object_poses", length, 0.99, 1.01)
     last = np.concatenate([found[:1], found[:-1]])
     turns, before = (
         Rotation.from_quat(each[..., :4].reshape(-1, 4), scalar_first=True)
@@ -241,7 +243,7 @@ def checked_channels(
     moves = views.steps or views.against
     if moves is not None and moves[0].ndim > 2:
         count, read = moves[0].shape[1], needs | {"depth", "object_id"}
-        _check_range(
+        _checks.all_in_range(
             "object_id, a row of object_poses,", given["object_id"], 0, count - 1
         )
     elif technique.reads_steps:
@@ -270,17 +272,17 @@ def checked(
     keyword, (planes, own) = KEYWORDS[name][0], CHANNELS[name]
     _checks.unmasked(keyword, values)
     values = values if isinstance(values, jax.Array) else np.asarray(values)
-    _check_shape(keyword, values, shape if planes == 1 else (*shape, planes))
+    _checks.shape(keyword, values, shape if planes == 1 else (*shape, planes))
     if name == "albedo":
         values = _checks.colors(keyword, values)
     elif own is not None:
-        _check_range(keyword, values, 0, _MOST[name])
+        _checks.all_in_range(keyword, values, 0, _MOST[name])
         if not _checks.is_traced(values) and (off := values != np.rint(values)).any():
             raise ValueError(f"{keyword} must be whole numbers, got {values[off][0]}.")
     else:
         _checks.floating(keyword, values)
         if name == "velocity":
-            _check_range(keyword, values)
+            _checks.all_in_range(keyword, values)
         elif not _checks.is_traced(values) and not (is_good := values > 0).all():
             raise ValueError(
                 f"{keyword} must be above 0 (inf where there is nothing), m along -z, "
@@ -289,21 +291,3 @@ def checked(
     found = jnp.asarray(values, own or dtype)
     found = jnp.moveaxis(found[..., None] if planes == 1 else found, -1, -3)
     return found[:, None] if len(shape) == 3 else found
-
-
-def _check_shape(name: str, values: Any, shape: tuple[int, ...]) -> None:
-    if np.shape(values) != shape:
-        raise ValueError(
-            f"{name} must have the shape {shape}, got {tuple(np.shape(values))}."
-        )
-
-
-def _check_range(
-    name: str, values: Any, low: float | int = -np.inf, high: float | int = np.inf
-) -> None:
-    """Raise unless all numbers are finite and within a range."""
-    if not _checks.is_traced(values):
-        values = np.asarray(values)
-        good = np.isfinite(values) & (values >= low) & (values <= high)
-        for wrong in values[~good][:1]:
-            _checks.in_range(name, wrong, low, high)
