@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .. import _files
-from ..reproductions.claims import Found
+from ..reproductions.claims import Claim, Found
 from . import tables
 
 
@@ -39,10 +39,14 @@ def by_measure(found: Found) -> tables.Continued:
 def explanation(found: Found) -> str:
     """Say what was run, why the verdicts are what they are, and what else there is."""
     reasons = [
-        f"{k}. {claim.verdict} ({claim.quantity}, {claim.unit}): {claim.reason}."
+        f"{k}. {claim.verdict} ({_named(claim)}): {claim.reason}."
         for k, claim in enumerate(found.asked, 1)
     ]
     return "\n".join([*reasons, *found.lines, found.about])
+
+
+def _named(claim: Claim) -> str:
+    return ", ".join(filter(None, [claim.quantity, claim.unit]))
 
 
 def page(found: Found, figures: Sequence[str]) -> str:
