@@ -49,8 +49,8 @@ class ScenesCommand:
 
     def run(self, console: rich.console.Console) -> int:
         """Print a line for each scene."""
-        known = definition.every_scene()
-        for name, scene in known.items():
+        for name in scenes.NAMES:
+            scene = scenes.by_name(name)
             kind, size, moves = _about(scene)
             gives = " ".join(sorted(scene.gives))
             console.out(f"{name:16} {kind:8} {size:26} {moves:6} gives {gives}")
@@ -61,7 +61,8 @@ _COMPOSED = """\
 An id says what is not a technique's default: ssaa6, accumulation64, fxaa25, smaa_ultra;
 _gamma or _linear, where colours are mixed; _no_jitter, last, where samples would move.
 head_movement+ssaa2 resolves the samples of another first, head_movement:FILE.toml has
-numbers from a file; none+sharpen is a stage of display, which follows any of them."""
+numbers from a file, my_taa.py:MyTAA is a class of your own; none+sharpen is a stage of
+display, which follows any of them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,7 +148,11 @@ class RenderCommand:
 
     scene: Annotated[
         tyro.conf.Positional[str],
-        shown("SCENE", "Name of a scene (see `hmdjit scenes`), or a picture file."),
+        shown(
+            "SCENE",
+            "Name of a scene (see `hmdjit scenes`), a picture file, or your own, "
+            "my_scene.py:scene.",
+        ),
     ]
     channel: Annotated[str, shown("NAME", f"What is shown: {', '.join(CHANNELS)}")] = (
         "color"
