@@ -45,6 +45,8 @@ class ScenesCommand:
     """List the scenes that have a name: what each is, and what it gives techniques.
 
     The first eleven are the default study's. A study takes any of them by `--scenes`.
+
+    For example: hmdjit scenes
     """
 
     def run(self, console: rich.console.Console) -> int:
@@ -71,6 +73,8 @@ class TechniquesCommand:
 
     Jitter is optional where a frame's samples lie elsewhere than in the last one unless
     the id says no. A study takes any of them by `--techniques`.
+
+    For example: hmdjit techniques karis my_taa.py:MyTAA --cost
     """
 
     ids: Annotated[
@@ -144,6 +148,8 @@ class RenderCommand:
 
     Colour, or what else a scene gives techniques: depth and ids are shown in colours
     that are said; a file that ends in .npy has the numbers themselves.
+
+    For example: hmdjit render fence --channel depth --out depth.png
     """
 
     scene: Annotated[
