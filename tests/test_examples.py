@@ -115,7 +115,7 @@ def test_every_example_is_run():
     scripts = {path.name for path in EXAMPLES.glob("*.py")}
     pages = {f"{name}.py" for name in PAGES}
     known = {*PICTURES, *PRINTED, *pages}
-    assert scripts == known | {"quasi_random_paths.py", "pages.py"}
+    assert scripts == known | {"quasi_random_paths.py", "pages.py", "docs.py"}
     assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES)
 
 
