@@ -35,7 +35,7 @@ PAGES = {
         *("--heads", "fixating", "--rates", "60", "--scenes", "checkerboard"),
         *("--held-out", "none", "--sessions", "16", *SMALL),
     ),
-    "ghosting": ("--side", "16", "--techniques", "none", "karis"),
+    "ghosting": ("--side", "16", "--heads", "2", "--techniques", "karis"),
     "heads": (
         *("--traces", "{traces}", "--presets", "--order", "0"),
         *("--scenes", "noise", "--sessions", "4"),

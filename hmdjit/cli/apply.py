@@ -150,10 +150,12 @@ class ApplyCommand(ChannelFolders, PoseLog):
         channels = self.of_techniques(console, chosen, frames, size)
         for technique in chosen:
             period, samples, _ = technique.sample_offsets_px.shape
-            if samples == 1 and technique.sample_offsets_px.any():
+            is_jittered = samples == 1 and technique.sample_offsets_px.any()
+            if is_jittered and self.jitter is None:
                 console.out(
                     f"{technique.id} takes frames to be jittered by its own {period} "
-                    "places in turn; name it with _no_jitter where they are not."
+                    "places in turn; name theirs by --jitter, or it with _no_jitter "
+                    "where they are not."
                 )
         fit = None if poses is None else PoseFit(camera, poses[:, :4])
         references: Iterable[Picture | None] = itertools.repeat(None)
