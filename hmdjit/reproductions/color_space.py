@@ -80,6 +80,11 @@ def measures(camera: Camera) -> list[Measure]:
     ]
 
 
+NOT_SIMULATED = (
+    "Not simulated: people, and how many JOD apart they put the four; only an order is."
+)
+
+
 def studies(
     camera: Camera, pairs: Sequence[ColorPair], sessions: int
 ) -> dict[str, Study]:
@@ -178,6 +183,7 @@ def _lines(
         "Predicted order of JOD, the paper's being LL > BL ~ LG > BG (no numbers: how "
         "much error is worth one is not known):",
         *(f"  {row['order']}  by {row['measure']}" for row in orders),
+        NOT_SIMULATED,
     ]
 
 

@@ -64,7 +64,8 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     said += f" ({measure.metric.unit})"
 
     def judged(claim: str, quantity: str, found: Interval, *how: str) -> Claim:
-        return Claim.of(claim, measure.words, quantity, found, unit, *how)
+        numbers = claim, measure.words, quantity, found, unit
+        return Claim.of(*numbers, *how, "results: comparisons of pairs, as JOD")
 
     def gap(one: str, other: str) -> Interval:
         return mean_interval(of_session[one] - of_session[other])
