@@ -77,9 +77,9 @@ def test_the_figure_says_what_was_found():
     )
     figure = figures.draw(found)["error_by_speed"]
     left, right = figure.axes
-    said = "60% of no AA's error at 0 deg, 72% at 12; MSAA 50%"
+    said = "60 to 72 % of no AA's error, MSAA 50 %"
     assert said in right.get_title(loc="left")
-    assert "MSAA 50%" not in left.get_title(loc="left")
+    assert "MSAA 50 %" not in left.get_title(loc="left")
     names = [text.get_text() for text in right.get_legend().get_texts()]
     assert names == ["no AA", "INSIDE's TAA", "TIDOAA", "MSAA"]
 

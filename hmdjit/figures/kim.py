@@ -20,8 +20,9 @@ _ZOOM_PX, _GAIN = 48, 4  # of what is magnified, and how much differences are
 def draw(found: Found) -> dict[str, Figure]:
     """Return the figures by the names of their files."""
     footer = f"{found.about} {made_by()}."
+    one = f"One person who fixates, the middle of a picture. {made_by()}."
     return {
-        "figure_4": _two_frames(found, footer),
+        "figure_4": _two_frames(found, one),
         "map": _map(list(found.tables["map"]), footer),
     }
 
@@ -30,7 +31,7 @@ def draw(found: Found) -> dict[str, Figure]:
 def _two_frames(found: Found, footer: str) -> Figure:
     """Show two consecutive frames by each condition, and how they differ."""
     count = len(found.pictures)
-    figure, panels = drawing.panels(6.9 * count, 5.4, footer, rows=2, columns=3 * count)
+    figure, panels = drawing.panels(6.9 * count, 5.1, footer, rows=2, columns=3 * count)
     flicker = {}
     for k, (name, frames) in enumerate(found.pictures.items()):
         before, after = frames
@@ -101,7 +102,7 @@ def _ratios(axes: Axes, places: list[Place]) -> None:
         colour = "white" if value < 0.75 else "black"
         axes.text(
             column,
-            row,
+            row + 0.33,  # below it is room for the cross
             f"{value:.2f}",
             ha="center",
             va="center",

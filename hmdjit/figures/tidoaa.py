@@ -18,6 +18,7 @@ _LINES = {
     REFERENCES[1]: drawing.COLOURS[2],
 }
 _HELD = ("MSAA, as in the paper", "MSAA's samples, each shaded")
+_MARKERS = ("o", "s", "D", "^", "v")
 _SLOW_DEG = 0.1  # per frame: below it speed is drawn to scale
 
 
@@ -51,7 +52,7 @@ def _lines(axes: Axes, rows: list[Measured]) -> None:
         values = [row.value for row in line]
         below = [max(row.value - row.low, 0) for row in line]
         above = [max(row.high - row.value, 0) for row in line]
-        look = {"marker": "o", "ms": 4, "lw": 1.8, "ls": drawing.DASHES[k]}
+        look = {"marker": _MARKERS[k], "ms": 5, "lw": 1.8}
         axes.errorbar(
             speeds,
             values,
@@ -69,14 +70,14 @@ def _lines(axes: Axes, rows: list[Measured]) -> None:
 
 def _finding(rows: list[Measured]) -> str:
     """Say what share of the error without anti-aliasing is left."""
-    error = {(row.condition, float(row.case)): row.value for row in rows}
-    speeds = sorted({speed for _, speed in error})
-    share = lambda name, speed: error[name, speed] / error[_PLAIN, speed]
-    slow, fast = speeds[0], speeds[-1]
-    said = (
-        f"TIDOAA has {share(_OURS, slow):.0%} of no AA's error at {slow:g} deg, "
-        f"{share(_OURS, fast):.0%} at {fast:g}"
-    )
-    if (REFERENCES[0], slow) in error:
-        said += f"; MSAA {share(REFERENCES[0], slow):.0%}"
-    return said
+    speeds = {row.case for row in rows}
+    error = {(row.condition, row.case): row.value for row in rows}
+
+    def share(name: str) -> str:
+        found = [100 * error[name, speed] / error[_PLAIN, speed] for speed in speeds]
+        low, high = f"{min(found):.0f}", f"{max(found):.0f}"
+        return f"{low} %" if low == high else f"{low} to {high} %"
+
+    said = f"TIDOAA has {share(_OURS)} of no AA's error"
+    is_of_msaa = any(name == REFERENCES[0] for name, _ in error)
+    return f"{said}, MSAA {share(REFERENCES[0])}" if is_of_msaa else said
