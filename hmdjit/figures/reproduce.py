@@ -58,7 +58,9 @@ def _means(axes: Axes, found: Found) -> None:
     axes.grid(axis="y")
     axes.set_ylabel(textwrap.fill(f"{first[0].measure}, {first[0].unit}", 34))
     axes.set_title("What was measured")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06 - 0.07 * lines), ncols=2)
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.065 * lines), ncols=4
+    )
 
 
 def _matrix(axes: Axes, found: Found) -> None:
