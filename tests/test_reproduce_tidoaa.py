@@ -80,7 +80,7 @@ def test_the_figure_says_what_was_found():
     said = "60 to 72 % of no AA's error, MSAA 50 %"
     assert said in right.get_title(loc="left")
     assert "MSAA 50 %" not in left.get_title(loc="left")
-    names = [text.get_text() for text in right.get_legend().get_texts()]
+    names = right.get_legend_handles_labels()[1]
     assert names == ["no AA", "INSIDE's TAA", "TIDOAA", "MSAA"]
 
 

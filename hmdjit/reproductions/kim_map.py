@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._types import Scalar
 from ..camera import Camera, Region, px_per_deg
 from ..estimates.intervals import ratio_interval
 from ..frames.motion import Motion
@@ -77,7 +78,7 @@ def head_of(correlation: float, deg_per_frame: float, rate_hz: float) -> HeadMot
     return eqx.tree_at(lambda m: m.speed_rms_deg_s, model, (scale, scale, 0.0))
 
 
-def motion_of(head: HeadMotion, camera: Camera, rate_hz: float) -> tuple[float, float]:
+def motion_of(head: HeadMotion, camera: Camera, rate_hz: Scalar) -> tuple[float, float]:
     """Where a head lies on the map: its correlation, and px per frame and axis, RMS.
 
     Pitch and yaw are averaged; px are those in the middle of the frame.

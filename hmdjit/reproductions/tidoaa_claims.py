@@ -70,11 +70,12 @@ def by_speed(errors: Mapping[float, Errors], truth: int) -> list[Claim]:
     lost = [s for s in speeds if above(_over(gaps[s], typical)) != HOLDS]
     where = f"not at {', '.join(f'{s:g}' for s in lost)}; " if lost else ""
     removes = "share of no AA's error that it removes"
-    numbers = MEASURES[truth], _BY_SPEED
 
-    def claim(words: str, quantity: str, found: Interval, *judged: str) -> Claim:
-        measure, source = numbers
-        return Claim.of(words, measure, quantity, found, "", *judged, source)
+    def claim(
+        words: str, quantity: str, found: Interval, verdict: str, reason: str
+    ) -> Claim:
+        said = words, MEASURES[truth], quantity, found, ""
+        return Claim.of(*said, verdict, reason, _BY_SPEED)
 
     return [
         claim(
