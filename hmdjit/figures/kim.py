@@ -102,7 +102,7 @@ def _ratios(axes: Axes, places: list[Place]) -> None:
         colour = "white" if value < 0.75 else "black"
         axes.text(
             column,
-            row + 0.33,  # below it is room for the cross
+            row - 0.33,  # above it is room for the cross
             f"{value:.2f}",
             ha="center",
             va="center",
