@@ -41,6 +41,7 @@ OF_THE_MODEL = (
     "fitted_curves",
     "ghosting",
     "heads",
+    "reproductions",
     "sensitivities",
     "static_edges",
 )

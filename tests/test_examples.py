@@ -40,6 +40,10 @@ PAGES = {
         *("--traces", "{traces}", "--presets", "--order", "0"),
         *("--scenes", "noise", "--sessions", "4"),
     ),
+    "reproductions": (
+        *("--papers", "colour-space", "--sessions", "2", "--side", "24"),
+        *("--keep", "{keep}"),
+    ),
     "sensitivities": ("--scenes", "noise", "--sessions", "4"),
     "speed": ("--json", "{speed}", "--drawn", "2000"),
     "static_edges": ("--scenes", "pipe", "--side", "32", "--poses", "2"),
@@ -143,12 +147,35 @@ def test_old_pages_and_pictures_are_known(pages, tmp_path):
     assert pages.old(tmp_path) == [*unstamped, "trade_off.md", "trade_off.png"]
 
 
+def test_verdicts_of_several_seeds_stand_in_one_row(pages):
+    reproductions = importlib.import_module("reproductions")
+    known = {"claim": "it flickers less", "measure": "MTCD", "source": "figure 3"}
+    known |= {"quantity": "ratio", "unit": "", "value": "0.6", "low": "0.5"}
+    said = [known | {"high": "0.7", "verdict": v} for v in ("holds", "untold", "holds")]
+    other = [row | {"measure": "SSIM", "verdict": "holds"} for row in said]
+    found = {"paper": [said, other]}
+    *_, row = reproductions.verdicts(found).splitlines()
+    assert row == (
+        "| paper | it flickers less | 0.6 [0.5, 0.7] | "
+        "holds (2 of 3 seeds), untold (1) |"
+    )
+    rows = reproductions.measures(found).splitlines()
+    assert len(rows) == 2 + 2
+    assert "| SSIM | ratio | " + "; ".join(3 * ["0.6 [0.5, 0.7]"]) in rows[-1]
+    assert rows[-1].endswith("| holds (3 of 3 seeds) |")
+
+
 def test_the_readmes_pictures_are_of_this_model(pages):
     assert not pages.is_old(EXAMPLES / pages.STUDY)
     assert not pages.is_old(EXAMPLES / pages.SCENES)
 
 
-LONG = {"heads", "fitted_curves", "all_techniques"}  # minutes, in their smallest form
+LONG = {
+    "heads",
+    "fitted_curves",
+    "all_techniques",
+    "reproductions",
+}  # minutes, in their smallest form
 MARKED = [
     pytest.param(n, marks=[pytest.mark.exhaustive if n in LONG else pytest.mark.slow])
     for n in PAGES

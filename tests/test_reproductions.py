@@ -258,6 +258,7 @@ def test_the_paper_s_claims_are_judged(means, extra, spread, expected, order):
     for claim in found:
         assert claim.low <= claim.value <= claim.high
         assert claim.unit == "code values^2"
+        assert claim.source
     if order:
         assert judged.order(measure, values) == order
     rows = judged.measured(measure, values)
