@@ -4,11 +4,13 @@ Sessions run in batches; a batch is the sessions of one dispatch and one file. F
 batches are kept, so an interrupted study goes on where it stopped.
 """
 
+import contextlib
 import functools
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent import futures
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,26 +20,26 @@ from jaxtyping import Bool, Float
 
 from ..estimates.decibels import power_of
 from ..frames.sources import AbstractSource
+from ..simulation.session import Result
 from ..technique_contract.check import forget_checks
 from ..technique_contract.small_motion import Still
 from ..theory.control_variates import Controls, control_of
 from .dataset import check_contains, gathered, write_dataset
 from .definition import StudyDefinition
+from .executors import Definition, Finished, defined, elsewhere, here
 from .failures import Failures
-from .identity import MODEL_VERSION, attributes, definition
+from .identity import attributes, definition, numbers_key
 from .measured_blocks import Tiles
 from .progress import Progress, Tell
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
 from .sessions import Batch
-from .stage import Stage, drawing, stages
-from .store import Store, fingerprint, without_version
+from .stage import Stage, Task, drawing, missing, stages
+from .store import Store, batch_words, fingerprint, without_version
 
 if TYPE_CHECKING:
     import xarray
 
-# What moves numbers, but no draws; see `sessions`.
-_SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
@@ -55,7 +57,10 @@ class Run:
         *,
         omit_failed: bool,
         overwrite: bool,
+        executor: futures.Executor | None = None,
+        in_flight: int = 1,
     ):
+        self.executor, self.in_flight = executor, in_flight
         self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
         self.sessions = drawing(study, seed)(study.sessions)
@@ -76,38 +81,69 @@ class Run:
         self.store = Store(kept)
         self.failures = Failures(omit_failed, float(study.margin_deg), kept)
         self.stages = stages(study, seed, self.batch_size)
-        self.identity = fingerprint(
-            [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
-            [str(getattr(jax.config, name)) for name in _SETTINGS],
-            [study.display, study.head, study.frames, study.warmup, study.measure],
-            [study.oversampling, float(study.margin_deg), study.metrics],
-        )
+        self.identity = numbers_key(study, seed)
 
     def dataset(self) -> "xarray.Dataset":
         """Run what is missing and gather everything."""
-        study, count = self.study, self.sessions.count
-        measured, ran = self._nothing(count)
-        done = fresh = 0
-
-        def tell(doing: str) -> None:
-            self.tell(Progress(done, ran.size, doing, fresh, unit="simulations"))
-
+        measured, ran = self._nothing(self.sessions.count)
         for s, stage in enumerate(self.stages):
-            name, source = stage.name, functools.cache(stage.source)
-            tell(name)
-            sessions = stage.sessions(count)
-            for start in range(0, count, self.batch_size):
-                batch = sessions.batch(start, self.batch_size)
-                here = slice(start, start + batch.size)
-                found, new = self._measured(stage, source, batch)
-                for k, places in enumerate(stage.places.values()):
-                    measured[:, places, s, here] = found[:, k, None]
-                ran[:, s, here] = True
-                done += batch.size * len(study.techniques)
-                fresh += batch.size * new
-                tell(name)
+            if self._is_kept(stage):
+                for start, found in self.store.found(stage.name, self._key(stage)):
+                    self._fill(measured, ran, s, start, found)
+        for path in self.store.damaged:
+            self.tell(Progress(line=f"Damaged, and run again: {path}"))
+        self._check(measured, ran)
+        before = done = int(ran.sum())
+
+        def tell(stage: Stage) -> None:
+            fresh = done - before
+            event = Progress(done, ran.size, stage.name, fresh, unit="simulations")
+            self.tell(event)
+
+        tell(self.stages[0])
+        tasks = missing(self.stages, ran, self.batch_size)
+        with contextlib.closing(self._results(tasks, tell)) as finished:
+            for task, values in finished:
+                stage = self.stages[task.stage]
+                found = dict(zip(task.techniques, values, strict=True))
+                self._keep(stage, task.start, found)
+                self._fill(measured, ran, task.stage, task.start, found)
+                done = int(ran.sum())
+                tell(stage)
                 self._check(measured, ran)
         return self._gathered(measured, ran)
+
+    def _results(
+        self, tasks: Iterator[Task], tell: Callable[[Stage], None]
+    ) -> Finished:
+        """Run batches; yield each with its results by technique."""
+        if self.executor is None:
+            return here(self.stages, self.sessions.count, tasks, tell)
+
+        @functools.lru_cache(maxsize=1)
+        def definition(stage: int) -> Definition:
+            name = self.stages[stage].name
+            return defined(self.study, name, self.seed, self.batch_size)
+
+        return elsewhere(self.executor, self.in_flight, tasks, definition)
+
+    def _fill(
+        self,
+        measured: Float[np.ndarray, "metric technique scene session"],
+        ran: Bool[np.ndarray, "technique scene session"],
+        s: int,
+        start: int,
+        found: Mapping[str, Result],
+    ) -> None:
+        """Put results from a session on where they belong, as far as they do."""
+        for key in found.keys() & self.stages[s].places.keys():
+            places = self.stages[s].places[key]
+            count = max(ran.shape[-1] - start, 0)
+            for m, values in enumerate(self._values([found[key]])):
+                size = min(count, values.shape[-1])
+                mine = slice(start, start + size)
+                measured[m, places, s, mine] = values[0, :size]
+                ran[places, s, mine] = True
 
     def until(self) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
@@ -162,7 +198,7 @@ class Run:
         named = {one.name: one for one in self.stages}
 
         def simulate(name: str, source: AbstractSource, batch: Batch) -> Measured:
-            return self._measured(named[name], lambda: source, batch)[0]
+            return self._measured(named[name], source, batch)
 
         endless = stage.sessions(_ENDLESS)
         sampler = Sampler(techniques, endless, paths, controls, simulate, self.tell)
@@ -179,32 +215,45 @@ class Run:
         shape = (len(self.study.techniques), len(self.study.scenes), count)
         return np.full((len(self.study.metrics), *shape), np.nan), np.zeros(shape, bool)
 
-    def _measured(
-        self, stage: Stage, source: Callable[[], AbstractSource], batch: Batch
-    ) -> tuple[Measured, int]:
-        """Measure a batch, or find it; and how many techniques were measured anew."""
+    def _measured(self, stage: Stage, source: AbstractSource, batch: Batch) -> Measured:
+        """Measure a batch, or find it."""
+        found: dict[str, Result] = {}
         # The pilot is timed, so it is always run.
-        is_timed = batch.start >= PILOT_START
-        kept = not (is_timed or without_version(stage.scene))
-        key = fingerprint(self.identity, stage.key, batch.start, batch.size)
-        file = f"{stage.name}-{batch.start}"
-        found = self.store.find(file, key) if kept else {}
-        missing = [key for key in stage.techniques if key not in found]
-        if missing:
-            lacking = [stage.techniques[key] for key in missing]
-            results = stage.runner.run(lacking, source(), batch)
-            new = dict(zip(missing, results, strict=True))
+        is_kept = self._is_kept(stage) and batch.start < PILOT_START
+        if is_kept:
+            words = batch_words(batch.start, batch.size)
+            for _, some in self.store.found(stage.name, self._key(stage), words):
+                found |= some
+        lacking = [key for key in stage.techniques if key not in found]
+        if lacking:
+            techniques = [stage.techniques[key] for key in lacking]
+            measured = stage.runner.run(techniques, source, batch)
+            new = dict(zip(lacking, measured, strict=True))
+            if is_kept:
+                self._keep(stage, batch.start, new)
             found |= new
-            new = {
-                k: new[k] for k in missing if not without_version(stage.techniques[k])
-            }
-            if kept and new:
-                self.store.keep(file, key, new)
+        return self._values([found[key] for key in stage.techniques])
+
+    def _values(self, found: Sequence[Result]) -> Measured:
+        """Return what is averaged of each metric, of techniques: no decibels."""
         values = []
         for metric in self.study.metrics:
-            each = [found[key].metrics[metric.id] for key in stage.techniques]
+            each = [result.metrics[metric.id] for result in found]
             values.append(power_of(each) if metric.is_in_decibels else each)
-        return np.asarray(values, float), sum(len(stage.places[k]) for k in missing)
+        return np.asarray(values, float)
+
+    def _key(self, stage: Stage) -> str:
+        return fingerprint(self.identity, stage.key)
+
+    def _is_kept(self, stage: Stage) -> bool:
+        return not without_version(stage.scene)
+
+    def _keep(self, stage: Stage, start: int, found: Mapping[str, Result]) -> None:
+        """Write what a later run may find."""
+        known = stage.techniques
+        kept = {k: v for k, v in found.items() if not without_version(known[k])}
+        if kept and self._is_kept(stage):
+            self.store.keep(stage.name, self._key(stage), start, kept)
 
     def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:
         """Stop if too many sessions failed so far."""
