@@ -213,9 +213,7 @@ class _StudyOptions:
     ] = None
     workers: Annotated[
         int | None,
-        shown(
-            "N", "Run batches in N processes of a CPU each (default: in this one)."
-        ),
+        shown("N", "Run batches in N processes of a CPU each (default: in this one)."),
     ] = None
     dask: Annotated[
         str | None,

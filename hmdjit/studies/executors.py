@@ -29,6 +29,7 @@ from .identity import SETTINGS, numbers_key
 from .runner import Result
 from .sessions import Sessions
 from .stage import Stage, Task, stages
+from .store import fingerprint
 
 MOST_DEATHS = 3
 """Of workers at one batch, before the study is stopped."""
@@ -61,7 +62,7 @@ def defined(study: StudyDefinition, scene: str, seed: int, batch_size: int) -> A
             "executor must be None for a class that cannot be pickled, as one that a "
             f"function defines: {error}."
         ) from None
-    key = numbers_key(study, seed)
+    key = fingerprint(numbers_key(own, seed), own)
     settings = tuple(getattr(jax.config, name) for name in SETTINGS)
     return Definition(content, seed, batch_size, key, settings)
 
@@ -94,16 +95,17 @@ def _opened(definition: Definition) -> tuple[Stage, Sessions, Callable]:
         raise ValueError(
             f"executor must be None for a class that a worker does not find: {error}."
         ) from None
-    if numbers_key(study, definition.seed) != definition.key:
+    key = fingerprint(numbers_key(study, definition.seed), study)
+    if key != definition.key:
         raise ValueError(
-            "executor must have workers with the same hmdjit, JAX and kind of device, "
+            "executor must have workers with this code, JAX and kind of device, "
             f"got one with JAX {jax.__version__} on {jax.devices()[0].device_kind}."
         )
     (stage,) = stages(study, definition.seed, definition.batch_size)
     return stage, stage.sessions(study.sessions), functools.cache(stage.source)
 
 
-def here(
+def in_process(
     stages: Sequence[Stage],
     count: int,
     tasks: Iterable[Task],

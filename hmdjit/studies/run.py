@@ -24,9 +24,9 @@ from ..simulation.session import Result
 from ..technique_contract.check import forget_checks
 from ..technique_contract.small_motion import Still
 from ..theory.control_variates import Controls, control_of
-from .dataset import check_contains, gathered, write_dataset
+from .dataset import check_contains, gathered, write_dataset, write_manifest
 from .definition import StudyDefinition
-from .executors import Definition, Finished, defined, elsewhere, here
+from .executors import Definition, Finished, defined, elsewhere, in_process
 from .failures import Failures
 from .identity import attributes, definition, numbers_key
 from .measured_blocks import Tiles
@@ -39,6 +39,8 @@ from .store import Store, batch_words, fingerprint, without_version
 
 if TYPE_CHECKING:
     import xarray
+
+Found = Mapping[str, Result]  # by techniques' fingerprints
 
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
@@ -68,7 +70,7 @@ class Run:
         self.definition = definition(study, seed, goal)
         if self.out is not None and not overwrite:
             most = self.sessions.count if goal == Goal() else _ENDLESS
-            check_contains(self.out / "result.nc", self.definition, most)
+            check_contains(self.out, self.definition, most)
         if unknown := sorted(set(without_version(study))):
             # What such a class computes with may have changed since it was compiled.
             forget_checks()
@@ -79,9 +81,13 @@ class Run:
         common = [study.display, study.head, study.metrics]
         kept = None if without_version(common) else self.out
         self.store = Store(kept)
+        self.failed: set[int] = set()
         self.failures = Failures(omit_failed, float(study.margin_deg), kept)
         self.stages = stages(study, seed, self.batch_size)
         self.identity = numbers_key(study, seed)
+        self.known = attributes(study, seed, fingerprint(self.identity, study))
+        if kept is not None:
+            write_manifest(kept, study, self.definition, self.known)
 
     def dataset(self) -> "xarray.Dataset":
         """Run what is missing and gather everything."""
@@ -108,17 +114,19 @@ class Run:
                 found = dict(zip(task.techniques, values, strict=True))
                 self._keep(stage, task.start, found)
                 self._fill(measured, ran, task.stage, task.start, found)
-                done = int(ran.sum())
+                rows = sum(len(stage.places[key]) for key in task.techniques)
+                done += rows * task.size
                 tell(stage)
-                self._check(measured, ran)
-        return self._gathered(measured, ran)
+                here = slice(task.start, task.start + task.size)
+                self._check(measured, ran, here)
+        return self._gathered(measured)
 
     def _results(
         self, tasks: Iterator[Task], tell: Callable[[Stage], None]
     ) -> Finished:
         """Run batches; yield each with its results by technique."""
         if self.executor is None:
-            return here(self.stages, self.sessions.count, tasks, tell)
+            return in_process(self.stages, self.sessions.count, tasks, tell)
 
         @functools.lru_cache(maxsize=1)
         def definition(stage: int) -> Definition:
@@ -128,22 +136,15 @@ class Run:
         return elsewhere(self.executor, self.in_flight, tasks, definition)
 
     def _fill(
-        self,
-        measured: Float[np.ndarray, "metric technique scene session"],
-        ran: Bool[np.ndarray, "technique scene session"],
-        s: int,
-        start: int,
-        found: Mapping[str, Result],
+        self, measured: np.ndarray, ran: np.ndarray, s: int, start: int, found: Found
     ) -> None:
-        """Put results from a session on where they belong, as far as they do."""
+        """Put results from a session on where they belong; there may be too many."""
         for key in found.keys() & self.stages[s].places.keys():
-            places = self.stages[s].places[key]
-            count = max(ran.shape[-1] - start, 0)
-            for m, values in enumerate(self._values([found[key]])):
-                size = min(count, values.shape[-1])
-                mine = slice(start, start + size)
-                measured[m, places, s, mine] = values[0, :size]
-                ran[places, s, mine] = True
+            values = self._values([found[key]])[..., : max(ran.shape[-1] - start, 0)]
+            here = slice(start, start + values.shape[-1])
+            for place in self.stages[s].places[key]:
+                measured[:, place, s, here] = values[:, 0]
+                ran[place, s, here] = True
 
     def until(self) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
@@ -176,7 +177,7 @@ class Run:
         self._check(measured, ran)
         shape = measured.shape[1:]
         return self._gathered(
-            measured, ran, with_controls(found, plans, goal, places, shape)
+            measured, with_controls(found, plans, goal, places, shape)
         )
 
     def _until(self, stage: Stage) -> Until:
@@ -248,27 +249,26 @@ class Run:
     def _is_kept(self, stage: Stage) -> bool:
         return not without_version(stage.scene)
 
-    def _keep(self, stage: Stage, start: int, found: Mapping[str, Result]) -> None:
+    def _keep(self, stage: Stage, start: int, found: Found) -> None:
         """Write what a later run may find."""
         known = stage.techniques
         kept = {k: v for k, v in found.items() if not without_version(known[k])}
         if kept and self._is_kept(stage):
             self.store.keep(stage.name, self._key(stage), start, kept)
 
-    def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:
-        """Stop if too many sessions failed so far."""
-        count, done = ran.shape[-1], int(ran.any(axis=(0, 1)).sum())
-        words = "sessions" if done == count else f"sessions ({done} run so far)"
-        self.failures.check(self._failed(measured, ran), count, words)
+    def _check(
+        self, measured: np.ndarray, ran: np.ndarray, here: slice = slice(None)
+    ) -> None:
+        """Stop if too many sessions failed so far; only some of them are new."""
+        is_bad = ran[..., here] & ~np.isfinite(measured[..., here]).all(axis=0)
+        new = (here.start or 0) + np.flatnonzero(is_bad.any(axis=(0, 1)))
+        self.failed.update(new.tolist())
+        if self.failed:
+            count, done = ran.shape[-1], int(ran.any(axis=(0, 1)).sum())
+            words = "sessions" if done == count else f"sessions ({done} run so far)"
+            self.failures.check(sorted(self.failed), count, words)
 
-    def _failed(self, measured: np.ndarray, ran: np.ndarray) -> list[int]:
-        """Sessions that were run and gave a number that is not finite anywhere."""
-        is_bad = ran & ~np.isfinite(measured).all(axis=0)
-        return [int(i) for i in np.flatnonzero(is_bad.any(axis=(0, 1)))]
-
-    def _gathered(
-        self, measured: np.ndarray, ran: np.ndarray, controls: Any = None
-    ) -> "xarray.Dataset":
+    def _gathered(self, measured: np.ndarray, controls: Any = None) -> "xarray.Dataset":
         count = self.sessions.count
         rotation_deg, wide = np.zeros(count), 0
         runners = {stage.runner: stage for stage in self.stages}
@@ -283,17 +283,15 @@ class Run:
             turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
             square = np.mean(np.sum(turn**2, axis=-1), axis=-1)
             rotation_deg[start : start + batch.size] = np.sqrt(square)
-        known = attributes(
-            self.study, self.seed, fingerprint(self.identity, self.study)
-        )
         how = {
             "definition": json.dumps(self.definition),
-            "failed_sessions": json.dumps(self._failed(measured, ran)),
+            "failed_sessions": json.dumps(sorted(self.failed)),
             "omit_failed": int(self.failures.omit),
             "wide_halo_sessions": wide,
         }
         subjects = self.sessions.subjects
-        dataset = gathered(self.study, measured, rotation_deg, subjects, known | how)
+        known = self.known | how
+        dataset = gathered(self.study, measured, rotation_deg, subjects, known)
         if controls is not None:
             dataset = dataset.assign(controls["variables"])
             dataset = dataset.assign_attrs(controls["attributes"])
