@@ -268,7 +268,14 @@ def opened(
             raise ImportError(
                 "--dask needs Dask: pip install 'hmdjit[cluster]'."
             ) from None
-        with Client(dask, set_as_default=False) as client:
+        try:
+            client = Client(dask, set_as_default=False)
+        except (OSError, ValueError) as error:
+            words = " ".join(str(error).split())
+            raise ValueError(
+                f"dask must be a scheduler's address, got {dask}: {words}."
+            ) from None
+        with client:
             yield client.get_executor(pure=False)
     else:
         yield None

@@ -103,8 +103,8 @@ class Study(StudyDefinition):
         goal = self.goal(tolerance, budget_s, repeat)
         if executor is not None and goal != Goal():
             raise ValueError(
-                "executor must be None with a tolerance, a budget or repeat: what they "
-                "run next follows from what was run."
+                "workers need a number of sessions: what a tolerance, a budget or "
+                "repeat runs next follows from what was run."
             )
         if in_flight is None:
             in_flight = 2 * int(getattr(executor, "_max_workers", 32))
