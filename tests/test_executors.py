@@ -164,8 +164,6 @@ def _begun(*command):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # Whoever runs the tests may ignore interruptions.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     try:
         yield process
@@ -300,7 +298,8 @@ def test_killed_dask_workers_and_studies_lose_nothing(moments, tmp_path, uninter
                     process.communicate()
                 else:
                     _, error = process.communicate(timeout=600)
-                    assert (process.returncode, error) == (0, "")
+                    assert process.returncode == 0, error
+                    assert "Traceback" not in error  # Dask logs that a worker is gone
                     assert (out / "result.nc").read_bytes() == uninterrupted
                     (out / "result.nc").unlink()
                 assert kept.items() <= _kept(out).items()
