@@ -113,7 +113,7 @@ FOLDERS = {
         ("sessions",),
         ("definition", "runner"),
         ("identity", "dataset", "sampler", "stage"),
-        ("sequential",),
+        ("sequential", "executors"),
         ("run",),
         ("study",),
     ],

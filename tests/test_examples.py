@@ -110,7 +110,8 @@ def test_every_example_is_run():
     scripts = {path.name for path in EXAMPLES.glob("*.py")}
     pages = {f"{name}.py" for name in PAGES}
     assert scripts == set(PICTURES) | pages | {"quasi_random_paths.py", "pages.py"}
-    assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES)
+    texts = {"outgrowing_one_machine"}  # which no script fills
+    assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES) | texts
 
 
 @pytest.mark.parametrize("name", PAGES)

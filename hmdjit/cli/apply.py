@@ -14,7 +14,7 @@ import tyro
 from jaxtyping import Float
 
 from .. import _checks, techniques
-from .._files import write_csv
+from .._files import check_can_write, write_csv
 from ..camera import Camera
 from ..metrics import IDS as METRICS
 from ..metrics.base import check_block
@@ -31,7 +31,7 @@ from .frame_files import (
     write_png,
 )
 from .frame_poses import aligned, said
-from .options import OK, PoseLog, check_can_write, shown
+from .options import OK, PoseLog, shown
 
 _FOV_DEG = 96.0
 Poses = Float[np.ndarray, "frames components"]

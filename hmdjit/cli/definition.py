@@ -37,6 +37,7 @@ _RIVALS = (
     (("scenes",), ("images", "panorama")),
     (("head",), ("trace",)),
     (("sessions",), ("tolerance",), ("budget",), ("repeat",)),
+    (("workers",), ("dask",)),
 )
 
 

@@ -12,7 +12,7 @@ import tyro
 
 from .._version import __version__
 from ..reports.tables import spelled
-from ..studies.failures import FailedSessionsError
+from ..studies.failures import FailedSessionsError, LostWorkersError
 from .apply import ApplyCommand
 from .envelope import EnvelopeCommand
 from .fit import FitCommand
@@ -67,6 +67,8 @@ def run(arguments: Sequence[str]) -> int:
     except FailedSessionsError as error:
         words = str(error).replace("omit_failed=True", "--omit-failed")
         return _complain(words.replace("margin_deg =", "--margin"), FAILED)
+    except LostWorkersError as error:
+        return _complain(error, FAILED)
     except (ValueError, ImportError) as error:
         words = as_option(str(error), command)
         return _complain(_hinted(words, arguments), WRONG_INPUT)

@@ -9,7 +9,7 @@ import rich.console
 import tyro
 
 from .. import _checks
-from .._files import written_atomically
+from .._files import check_can_write, written_atomically
 from ..camera import Camera
 from ..figures import kim as kim_figures
 from ..figures import reproduce as figure
@@ -20,7 +20,7 @@ from ..reproductions import color_space, kim, tidoaa
 from ..reproductions.claims import Found
 from ..studies.identity import counted
 from ..studies.study import check_seed
-from .options import OK, Seed, check_can_write, shown
+from .options import OK, Seed, shown
 from .progress import Display
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want

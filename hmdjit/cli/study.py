@@ -7,13 +7,15 @@ from typing import Annotated
 import rich.console
 import tyro
 
+from .._files import check_can_write
 from ..head_motion import presets
 from ..head_motion.replay import Replay
 from ..reports import study as report
+from ..studies.executors import opened
 from ..studies.identity import counted
 from ..studies.measured_blocks import Tiles
 from . import definition
-from .options import HEAD, OK, Options, check_can_write, shown
+from .options import HEAD, OK, Options, shown
 from .progress import Display
 
 _SMALL_PX = 24  # a halo is about as wide
@@ -81,7 +83,10 @@ class StudyCommand(Options):
             f"{out}."
         )
         try:
-            with Display(console) as display:
+            with (
+                opened(options.workers, options.dask) as executor,
+                Display(console) as display,
+            ):
                 dataset = study.run(
                     options.seed or 0,
                     out=out,
@@ -91,6 +96,7 @@ class StudyCommand(Options):
                     repeat=goal.repeat,
                     omit_failed=options.omit_failed,
                     overwrite=options.overwrite,
+                    executor=executor,
                 )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(

@@ -32,6 +32,20 @@ MODEL_VERSION = "5"
 _OLD_METRICS = ("mtcd", "detail_loss")  # of files that do not name theirs
 
 
+SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
+"""What moves numbers, but no draws; see `sessions`."""
+
+
+def numbers_key(study: StudyDefinition, seed: int) -> str:
+    """Hash what decides the numbers of all scenes and techniques alike, here."""
+    return fingerprint(
+        [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
+        [str(getattr(jax.config, name)) for name in SETTINGS],
+        [study.display, study.head, study.frames, study.warmup, study.measure],
+        [study.oversampling, float(study.margin_deg), study.metrics],
+    )
+
+
 def attributes(
     study: StudyDefinition, seed: int, config_hash: str = ""
 ) -> dict[str, Any]:
