@@ -47,7 +47,12 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
 
     **Errors:** `ValueError` naming the file, and the key with the nearest known one.
     """
-    content, folder = _toml.read(path), path.parent
+    return from_table(_toml.read(path), path)
+
+
+def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]:
+    """Read what a STUDY.toml holds, as `read_toml` does, and with its errors."""
+    content, folder = dict(content), path.parent
     tables = {id: content.pop(id) for id in techniques.IDS if id in content}
     try:
         _checks.known_keys(content, [*_OPTIONS, *techniques.IDS])
@@ -94,10 +99,15 @@ def merged(low: Options, high: Options) -> Options:
     return Options(**kept | said)
 
 
-def build(options: Options, tables: Tables | None = None) -> Study:
+def build(
+    options: Options,
+    tables: Tables | None = None,
+    scenes: Mapping[str, StudyScene] | None = None,
+) -> Study:
     """Make the study that some options describe.
 
-    **Arguments:** `tables`: numbers of techniques that are not read from files.
+    **Arguments:** `tables`: numbers of techniques that are not read from files;
+    `scenes`: those that the options name, if at hand.
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
     """
@@ -129,7 +139,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     ids = [technique.id for technique in chosen]
     default = "msaa4" if "msaa4" in ids else "none" if "none" in ids else ids[0]
     return Study(
-        scenes=_scenes(options),
+        scenes=_scenes(options) if scenes is None else scenes,
         techniques=chosen,
         head=_head(options),
         camera=camera,

@@ -42,7 +42,7 @@ _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
 class Run:
-    """One call of `Study.run`."""
+    """One call of `Study.run`, or a cell of a sweep, which has no `result` file."""
 
     def __init__(
         self,
@@ -55,15 +55,17 @@ class Run:
         *,
         omit_failed: bool,
         overwrite: bool,
+        result: str = "result.nc",
     ):
         self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
+        self.file = self.out / result if self.out is not None and result else None
         self.sessions = drawing(study, seed)(study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
         self.definition = definition(study, seed, goal)
-        if self.out is not None and not overwrite:
+        if self.file is not None and not overwrite:
             most = self.sessions.count if goal == Goal() else _ENDLESS
-            check_contains(self.out / "result.nc", self.definition, most)
+            check_contains(self.file, self.definition, most)
         if unknown := sorted(set(without_version(study))):
             # What such a class computes with may have changed since it was compiled.
             forget_checks()
@@ -248,6 +250,6 @@ class Run:
         if controls is not None:
             dataset = dataset.assign(controls["variables"])
             dataset = dataset.assign_attrs(controls["attributes"])
-        if self.out is not None:
-            write_dataset(dataset, self.out / "result.nc")
+        if self.file is not None:
+            write_dataset(dataset, self.file)
         return dataset

@@ -42,6 +42,7 @@ class Study(StudyDefinition):
       that detail loss is measured against, and of how many measured frames the first
       one is held against it. Its own noise adds to the loss: with 16 rays 5 % of one of
       10 code values squared (4 rays: 50 %); every third frame is as sure as all ten.
+    - `shapes`: least sizes of what is compiled; a `Sweep` sets them.
     """
 
     def run(
