@@ -30,10 +30,10 @@ TIERS = {
         "examples", [few, pytest.param(many, marks=pytest.mark.exhaustive)]
     )
     for name, few, many in [
-        ("traces", 50, 3000),
-        ("studies", 50, 2500),
-        ("pictures", 60, 2500),
-        ("arguments", 40, 2000),
+        ("traces", 65, 3000),
+        ("studies", 40, 2500),
+        ("pictures", 70, 2500),
+        ("arguments", 25, 2000),
     ]
 }
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from .. import _checks, _toml, metrics, scenes, techniques
 from ..camera import Camera
-from ..head_motion import HeadMotion
+from ..head_motion import HeadMotion, presets
 from ..head_motion.replay import Replay
 from ..scenes.solid_set import SOLIDS
 from ..scenes.solids import Solids
@@ -68,11 +68,11 @@ def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]
             values[name] = tuple(folder / file for file in values[name])
     for name in values.keys() & {"out", "repeat"}:
         values[name] = folder / values[name]
-    if "head" in values and is_head_file(folder / values["head"]):
+    if "head" in values and is_head_file(values["head"], folder):
         values["head"] = str(folder / values["head"])
     if "scenes" in values:
         values["scenes"] = tuple(
-            str(folder / name) if _is_picture(name) else name
+            str(folder / name) if _is_picture(name, folder) else name
             for name in values["scenes"]
         )
     if "techniques" in values:
@@ -233,9 +233,11 @@ def every_scene() -> dict[str, StudyScene]:
     return {**pictures, **scenes.solid_set(), **pictures}
 
 
-def _is_picture(name: str) -> bool:
-    """Whether a scene is named by a picture's file."""
-    return bool(Path(name).suffix) or Path(name).is_file()
+def _is_picture(name: str, folder: Path = Path()) -> bool:
+    """Whether a scene is named by a picture's file in a folder; names come first."""
+    if name in SOLIDS or name in scenes.NAMES:
+        return False
+    return bool(Path(name).suffix) or (folder / name).is_file()
 
 
 def goal(options: Options, study: Study) -> Goal:
@@ -278,9 +280,11 @@ def seconds(text: str) -> float:
     return unit * float(found[1])
 
 
-def is_head_file(head: str | Path) -> bool:
-    """Whether a head is named by a file; else by the name of a preset."""
-    return Path(head).suffix.lower() == ".toml" or Path(head).is_file()
+def is_head_file(head: str | Path, folder: Path = Path()) -> bool:
+    """Whether a head is named by a file in a folder; else by the name of a preset."""
+    if str(head) in presets.tables():
+        return False
+    return Path(head).suffix.lower() == ".toml" or (folder / head).is_file()
 
 
 def head_model(head: str) -> HeadMotion:

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 FILE = "sweep.nc"
 MOST_CELLS = 100_000
+_TAKEN = ("technique", "scene", "session", "sessions", "subject", "identity")
 
 
 class Sweep:
@@ -181,6 +183,11 @@ def check_axes(axes: Axes) -> None:
     if not axes:
         raise ValueError("axes must name at least one axis, got none.")
     for name, values in axes.items():
+        if not re.fullmatch(r"[A-Za-z_][\w.]*", name) or name in _TAKEN:
+            raise ValueError(
+                "axes must have names of letters, digits, _ and ., and none of "
+                f"{', '.join(_TAKEN)}, got {name!r}."
+            )
         if isinstance(values, str) or not isinstance(values, Sequence) or not values:
             raise ValueError(f"axis {name} must be a list of values, got {values!r}.")
     count = math.prod(len(values) for values in axes.values())
