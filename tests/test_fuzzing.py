@@ -74,7 +74,7 @@ def examine(examples, check, *strategies):
 
     @settings(
         max_examples=examples,
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=[*HealthCheck.__members__.values()],
         print_blob=False,
     )
     @given(st.tuples(*strategies))
@@ -209,6 +209,7 @@ def at_the_door(monkeypatch, tmp_path, untyped):
 
     noise = {"noise": hj.scenes.power_law_noise(size=16)}
     monkeypatch.setattr(definition, "_scenes", lambda options: noise)
+    monkeypatch.setattr(definition, "every_scene", lambda: noise)
     for thing, name in [
         *((kind, "run") for kind in (hj.Study, hj.Sweep)),
         *((hj.HeadMotion, name) for name in ("sample",)),

@@ -71,10 +71,8 @@ def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]
     if "head" in values and is_head_file(values["head"], folder):
         values["head"] = str(folder / values["head"])
     if "scenes" in values:
-        values["scenes"] = tuple(
-            str(folder / name) if _is_picture(name, folder) else name
-            for name in values["scenes"]
-        )
+        placed = lambda name: str(folder / name) if _is_picture(name, folder) else name
+        values["scenes"] = tuple(map(placed, values["scenes"]))
     if "techniques" in values:
         values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
     return Options(**values), numbers
@@ -106,7 +104,7 @@ def build(
 ) -> Study:
     """Make the study that some options describe.
 
-    **Arguments:** `tables`: numbers of techniques that are not read from files;
+    **Arguments:** `tables`: numbers of techniques, but for those in files of their own;
     `scenes`: those that the options name, if at hand.
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
@@ -235,9 +233,8 @@ def every_scene() -> dict[str, StudyScene]:
 
 def _is_picture(name: str, folder: Path = Path()) -> bool:
     """Whether a scene is named by a picture's file in a folder; names come first."""
-    if name in SOLIDS or name in scenes.NAMES:
-        return False
-    return bool(Path(name).suffix) or (folder / name).is_file()
+    is_file = bool(Path(name).suffix) or (folder / name).is_file()
+    return is_file and name not in (*scenes.NAMES, *SOLIDS)
 
 
 def goal(options: Options, study: Study) -> Goal:
@@ -282,9 +279,8 @@ def seconds(text: str) -> float:
 
 def is_head_file(head: str | Path, folder: Path = Path()) -> bool:
     """Whether a head is named by a file in a folder; else by the name of a preset."""
-    if str(head) in presets.tables():
-        return False
-    return Path(head).suffix.lower() == ".toml" or (folder / head).is_file()
+    is_file = Path(head).suffix.lower() == ".toml" or (folder / head).is_file()
+    return is_file and str(head) not in presets.tables()
 
 
 def head_model(head: str) -> HeadMotion:

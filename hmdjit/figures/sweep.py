@@ -85,8 +85,8 @@ class _Grid:
             self.panels[f"{name}, mean"] = spread(means)
         self.footer = (
             f"Mean over {counted(dataset.sizes['scene'], 'scene')}, up to "
-            f"{counted(dataset.sizes['session'], 'session')} in each cell, the same "
-            f"heads' seed {dataset.attrs['seed']} in all; intervals 95 %, over "
+            f"{counted(dataset.sizes['session'], 'session')} in each cell, "
+            f"seed {dataset.attrs['seed']} in all; intervals 95 %, over "
             f"sessions. hmdjit {dataset.attrs['hmdjit_version']}, model "
             f"{dataset.attrs['model_version']}."
         )
