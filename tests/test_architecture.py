@@ -145,6 +145,7 @@ FOLDERS = {
         ("kim_claims",),
         ("*",),
     ],
+    "sweep": [("dataset",), ("sweep",)],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
     "cli": [

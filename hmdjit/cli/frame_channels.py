@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import itertools
 import math
+import warnings
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -200,18 +201,24 @@ def _read(file: Path, name: str) -> np.ndarray:
     """Read a file's numbers, `(height, width)` or with colours behind."""
     if file.suffix.lower() == ".npy":
         try:
-            with file.open("rb") as opened:
-                return np.lib.format.read_array(opened, allow_pickle=False)
-        except (ValueError, EOFError) as error:
+            # Mapped, so that a header may claim no more than there is.
+            return np.array(np.lib.format.open_memmap(file, mode="r"))
+        except PermissionError:
+            raise
+        # A damaged header makes its parser raise almost anything.
+        except Exception as error:
             raise ValueError(f"{file}: cannot be read as NPY ({error}).") from None
     if name == "albedo":
         return read_picture(file, opaque=True)
     import PIL.Image
 
     try:
-        with PIL.Image.open(file) as image:
+        with warnings.catch_warnings(action="ignore"), PIL.Image.open(file) as image:
             mode, planes = image.mode, np.asarray(image)
-    except (OSError, ValueError, SyntaxError) as error:
+    except PermissionError:
+        raise
+    # So does a damaged picture with Pillow's decoders; too large a one, too.
+    except Exception as error:
         raise ValueError(f"{file}: cannot be read ({error}).") from None
     if mode not in ("F", "I", "L", "P", "I;16", "I;16B"):
         raise ValueError(f"{file}: must have one number per pixel, got mode {mode}.")

@@ -22,10 +22,12 @@ from .options import INTERRUPTED as INTERRUPTED
 from .render import RenderCommand, ScenesCommand, TechniquesCommand
 from .reproduce import ReproduceCommand
 from .study import StudyCommand
+from .sweep import SweepCommand
 from .trade_off import PickCommand, TradeOffCommand
 
 COMMANDS: dict[str, Any] = {
     "study": StudyCommand,
+    "sweep": SweepCommand,
     "apply": ApplyCommand,
     "fit": FitCommand,
     "head": HeadCommand,

@@ -41,4 +41,5 @@ from .solid_set import wall_text as wall_text
 from .solids import Baked as Baked
 from .solids import Solids as Solids
 from .study_set import CREDITS as CREDITS
+from .study_set import NAMES as NAMES
 from .study_set import study_set as study_set

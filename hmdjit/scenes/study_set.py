@@ -16,6 +16,8 @@ CREDITS = {
 }
 """Credit and licence of each photograph of `study_set`, as scikit-image states them."""
 
+NAMES = (*CREDITS, "text", "checkerboard", "noise", "almost_uniform")
+"""Names of `study_set`, in its order."""
 
 _IMAGE_OF = {"galaxies": "hubble_deep_field"}  # elsewhere scikit-image's name is ours
 

@@ -59,14 +59,20 @@ MANIFEST = "batches/manifest.json"
 """Of which study the batches in a folder are."""
 
 
-def check_contains(folder: Path, definition: Mapping[str, str], sessions: int) -> None:
+def check_contains(
+    folder: Path,
+    definition: Mapping[str, str],
+    sessions: int,
+    result: str = "result.nc",
+) -> None:
     """Raise unless a study contains the one that a folder has a result or batches of.
 
-    **Arguments:** `definition`: of `identity.definition`; `sessions`: it runs.
+    **Arguments:** `definition`: of `identity.definition`; `sessions`: it runs;
+    `result`: the file's name.
 
     **Errors:** `ValueError` naming the file, and what differs.
     """
-    for what, path in ("result", folder / "result.nc"), ("batches", folder / MANIFEST):
+    for what, path in ("result", folder / result), ("batches", folder / MANIFEST):
         known, count = _known(path) if path.exists() else ({}, 0)
         others = [k for k, value in known.items() if definition.get(k) != value]
         others += ["sessions"] * (count > sessions)

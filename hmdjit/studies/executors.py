@@ -129,6 +129,11 @@ def in_process(
         yield task, stage.runner.run(techniques, source, batch)
 
 
+def in_flight(executor: futures.Executor | None) -> int:
+    """Batches that an executor is given at a time: two for each worker, if it says."""
+    return 2 * int(getattr(executor, "_max_workers", 32))
+
+
 def elsewhere(
     executor: futures.Executor,
     in_flight: int,

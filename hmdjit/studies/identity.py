@@ -92,7 +92,7 @@ def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str
     fields = [field.name for field in dataclasses.fields(StudyDefinition)]
     parts = {name: getattr(study, name) for name in fields}
     scenes, techniques = parts.pop("scenes"), parts.pop("techniques")
-    del parts["sessions"]
+    del parts["sessions"], parts["shapes"]
     parts["margin_deg"] = float(study.margin_deg)  # 6 is 6.0
     parts |= {"seed": seed, "tolerance or budget": goal, "model version": MODEL_VERSION}
     parts |= {f"scene {name}": scene for name, scene in scenes.items()}

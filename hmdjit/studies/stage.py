@@ -135,6 +135,7 @@ def stages(study: StudyDefinition, seed: int, batch_size: int) -> list[Stage]:
                 accurate if solid else usual,
                 study.metrics,
                 moving=moving,
+                least_halo_px=study.shapes[1 + solid],
             )
         return known[kind]
 
@@ -169,4 +170,5 @@ def _source(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
         study.display,
         oversampling=study.oversampling,
         margin_deg=study.margin_deg,
+        least_margin_px=study.shapes.margin_px,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import _checks
 from ..head_motion import HeadMotion
+from . import executors
 from .definition import StudyDefinition, check_seed
 from .progress import Tell
 from .run import Run
@@ -43,6 +44,7 @@ class Study(StudyDefinition):
       that detail loss is measured against, and of how many measured frames the first
       one is held against it. Its own noise adds to the loss: with 16 rays 5 % of one of
       10 code values squared (4 rays: 50 %); every third frame is as sure as all ten.
+    - `shapes`: least sizes of what is compiled; a `Sweep` sets them.
     """
 
     def run(
@@ -107,7 +109,7 @@ class Study(StudyDefinition):
                 "repeat runs next follows from what was run."
             )
         if in_flight is None:
-            in_flight = 2 * int(getattr(executor, "_max_workers", 32))
+            in_flight = executors.in_flight(executor)
         _checks.whole("in_flight", in_flight, 1)
         size = batch_size if goal == Goal() else CHUNK
         run = Run(
