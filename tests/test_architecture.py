@@ -83,6 +83,7 @@ FOLDERS = {
         ("neighborhood", "scattering"),
         ("edges",),
         ("*",),
+        ("aliasing",),
     ],  # of what lies around a pixel
     "metrics": [("base",), ("pictures",), ("*",), ("observers", "registry")],
     "technique_contract": [
@@ -140,8 +141,8 @@ FOLDERS = {
         ("table",),
     ],
     "reproductions": [
-        ("claims", "color_pairs", "eye", "two_colored", "kept", "played", "timing"),
-        ("color_space_claims", "kim_map", "tidoaa_claims"),
+        ("claims", "eye", "two_colored", "kept", "played", "timing"),
+        ("color_space_claims", "kim_map", "sobel_claims", "tidoaa_claims"),
         ("kim_claims",),
         ("*",),
     ],

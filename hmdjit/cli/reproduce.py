@@ -13,10 +13,11 @@ from .._files import check_can_write, written_atomically
 from ..camera import Camera
 from ..figures import kim as kim_figures
 from ..figures import reproduce as figure
+from ..figures import sobel as sobel_figures
 from ..figures import tidoaa as tidoaa_figures
 from ..figures.drawing import save
 from ..reports import reproduce as report
-from ..reproductions import color_space, kim, tidoaa
+from ..reproductions import color_space, kim, sobel, tidoaa
 from ..reproductions.claims import Found
 from ..studies.identity import counted
 from ..studies.study import check_seed
@@ -24,10 +25,16 @@ from .options import OK, Seed, shown
 from .progress import Display
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want
-PAPERS: dict[str, Any] = {"kim": kim, "tidoaa": tidoaa, "colour-space": color_space}
+PAPERS: dict[str, Any] = {
+    "kim": kim,
+    "tidoaa": tidoaa,
+    "sobel": sobel,
+    "colour-space": color_space,
+}
 _FIGURES: dict[str, Any] = {  # beside that of the claims
     "kim": kim_figures.draw,
     "tidoaa": tidoaa_figures.draw,
+    "sobel": sobel_figures.draw,
 }
 ALL = "all"
 
@@ -47,6 +54,7 @@ class ReproduceCommand:
             "PAPER",
             "kim: head-movement based anti-aliasing against MSAA (Kim et al.); "
             "tidoaa: samples at twice the resolution, by rotation speed; "
+            "sobel: temporal anti-aliasing improved with Sobel (Oliveros); "
             "colour-space: anti-aliasing in linear light against gamma, box against "
             "Lanczos filter (Maruszczuk et al.); all of them.",
         ),

@@ -27,7 +27,6 @@ from ..studies.study import Study
 from ..techniques import SSAA, AbstractTechnique
 from . import eye
 from .claims import Found
-from .color_pairs import ColorPair, most_different
 from .color_space_claims import (
     CELL_DEG,
     NAMES,
@@ -39,7 +38,7 @@ from .color_space_claims import (
     measured,
     order,
 )
-from .two_colored import TwoColored
+from .two_colored import ColorPair, TwoColored, most_different
 
 TITLE = "Anti-aliasing in linear against gamma-encoded colours (Maruszczuk et al.)"
 CAMERA = Camera(width_px=1512, height_px=1680, fov_deg=110.0, refresh_hz=90.0)
