@@ -41,6 +41,7 @@ LINES = [
     ("hmdjit",),  # the names that `import hmdjit` offers
     ("figures",),
     ("reports",),
+    ("pages",),
     ("cli",),
     ("__main__",),
 ]
@@ -147,11 +148,13 @@ FOLDERS = {
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
+    "pages": [("displayed", "markup"), ("simulated",), ("study", "apply")],
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
         ("frame_poses", "frame_channels"),
         ("*",),
+        ("report",),
         ("main",),
     ],
 }

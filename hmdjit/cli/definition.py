@@ -30,6 +30,9 @@ from .options import Options as Options
 Tables = Mapping[str, Mapping[str, Any]]
 """Numbers of techniques by their ids: arguments of their classes."""
 
+REPEAT = "repeat.toml"
+"""What a study was asked for, in its folder."""
+
 _OPTIONS = tuple(field.name for field in dataclasses.fields(Options))
 # Options that exclude each other; those in one bracket go together.
 _RIVALS = (
@@ -58,9 +61,15 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
         }
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    for name in ("images", "panorama", "trace"):
-        if name in values:
-            values[name] = tuple(folder / file for file in values[name])
+    values = _placed(values, folder)
+    return Options(**values), numbers
+
+
+def _placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Options whose relative paths are taken from a folder."""
+    values = dict(values)
+    for name in values.keys() & {"images", "panorama", "trace"}:
+        values[name] = tuple(folder / file for file in values[name])
     for name in values.keys() & {"out", "repeat"}:
         values[name] = folder / values[name]
     if "head" in values and is_head_file(folder / values["head"]):
@@ -72,13 +81,47 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
         )
     if "techniques" in values:
         values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
-    return Options(**values), numbers
+    return values
 
 
 def _beside(folder: Path, id: str) -> str:
     """Technique's id, with the file that it names taken from a folder."""
     family, colon, path = id.partition(":")
     return f"{family}:{folder / path}" if colon else id
+
+
+def keep(options: Options, tables: Tables, folder: Path) -> Path:
+    """Write what was asked for into a study's folder, as a STUDY.toml.
+
+    Files that it names are those that were read, by their full paths. Of a study with
+    a budget it asks for as many sessions again.
+    """
+    said = _placed(options.said(), Path.cwd())
+    for name in ("out", "overwrite"):
+        said.pop(name, None)
+    if said.pop("budget", None) is not None:
+        said["repeat"] = "result.nc"
+    numbers = {id: _toml.table(dict(table)) for id, table in tables.items()}
+    path = folder / REPEAT
+    _toml.write(path, _plain(said), numbers)
+    return path
+
+
+def kept(folder: Path) -> Study | None:
+    """Return the study whose definition lies in its folder; None if there is none.
+
+    **Errors:** those of `read_toml` and `build`, as where files are gone.
+    """
+    path = folder / REPEAT
+    return build(*read_toml(path)) if path.exists() else None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def merged(low: Options, high: Options) -> Options:

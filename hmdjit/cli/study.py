@@ -1,6 +1,7 @@
 """The command line's `hmdjit study`: the main job."""
 
 import dataclasses
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -9,12 +10,19 @@ import tyro
 
 from ..head_motion import presets
 from ..head_motion.replay import Replay
+from ..pages import study as pages
 from ..reports import study as report
 from ..studies.identity import counted
 from ..studies.measured_blocks import Tiles
 from . import definition
 from .options import HEAD, OK, Options, check_can_write, shown
 from .progress import Display
+
+
+def repeated(folder: Path) -> str:
+    """Return the command that repeats a study of a folder."""
+    return f"hmdjit study {shlex.quote(str(folder / definition.REPEAT))} --out AGAIN"
+
 
 _SMALL_PX = 24  # a halo is about as wide
 
@@ -33,6 +41,9 @@ class StudyCommand(Options):
         tyro.conf.Positional[Path | None],
         shown("[STUDY.toml]", "File with any of the options below as keys."),
     ] = None
+    no_report: Annotated[
+        bool, shown("", "Write no report.html: `hmdjit report DIR` does so later.")
+    ] = False
 
     def run(self, console: rich.console.Console) -> int:
         """Run the study; write, draw and print what it found."""
@@ -96,8 +107,12 @@ class StudyCommand(Options):
             raise KeyboardInterrupt(
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
-        written = report.write_report(dataset, out)
         report.print_table(dataset, console=console)
+        written = [definition.keep(options, tables, out)]
+        if self.no_report:
+            written += report.write_report(dataset, out)
+        else:
+            written += pages.write_page(dataset, out, study, command=repeated(out))
         console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
         if goal.budget_s is not None:
             console.out(

@@ -1,6 +1,9 @@
 """Kim et al.'s figures, drawn anew: figure 3, figure 4, and the map of the ratio."""
 
+from collections.abc import Mapping
+
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -19,19 +22,19 @@ def draw(found: Found) -> dict[str, Figure]:
     """Return the figures by the names of their files."""
     footer = f"{found.about} {made_by()}."
     return {
-        "figure_4": _two_frames(found, footer),
+        "figure_4": two_frames(found.pictures, footer),
         "map": _map(list(found.tables["map"]), footer),
     }
 
 
 @drawing.styled
-def _two_frames(found: Found, footer: str) -> Figure:
+def two_frames(
+    pictures: Mapping[str, Float[np.ndarray, "2 height width 3"]], footer: str
+) -> Figure:
     """Show two consecutive frames by each condition, and how they differ."""
-    count = len(found.pictures)
-    figure, panels = drawing.panels(
-        11.0, 3.9 * count, footer, rows=2 * count, columns=3
-    )
-    for k, (name, frames) in enumerate(found.pictures.items()):
+    count = len(pictures)
+    figure, panels = drawing.panels(7.2, 4.9 * count, footer, rows=2 * count, columns=3)
+    for k, (name, frames) in enumerate(pictures.items()):
         before, after = frames
         difference = np.abs(after - before)
         mtcd = 255 * np.sqrt((difference**2).sum(axis=-1)).mean()
@@ -40,16 +43,18 @@ def _two_frames(found: Found, footer: str) -> Figure:
             "the next one": after,
             f"difference x {_GAIN}; MTCD {mtcd:.2f}": np.clip(_GAIN * difference, 0, 1),
         }
-        middle = (frames.shape[1] - _ZOOM_PX) // 2
-        part = slice(middle, middle + _ZOOM_PX)
+        size = np.array(frames.shape[1:3])
+        side = min(_ZOOM_PX, *size)
+        top, left = (size - side) // 2
+        part = slice(top, top + side), slice(left, left + side)
         for column, (title, picture) in enumerate(shown.items()):
             whole, zoomed = panels[2 * k, column], panels[2 * k + 1, column]
             whole.imshow(picture, interpolation="nearest")
-            whole.set_title(title)
-            corner = (middle - 0.5, middle - 0.5)
+            whole.set_title(title, fontsize=drawing.NAME)
+            corner = (left - 0.5, top - 0.5)
             frame = {"fill": False, "ec": drawing.VERMILLION, "lw": 1.2}
-            whole.add_patch(Rectangle(corner, _ZOOM_PX, _ZOOM_PX, **frame))
-            zoomed.imshow(picture[part, part], interpolation="nearest")
+            whole.add_patch(Rectangle(corner, side, side, **frame))
+            zoomed.imshow(picture[part], interpolation="nearest")
             for axes in (whole, zoomed):
                 axes.set_axis_off()
     return figure
