@@ -148,13 +148,12 @@ FOLDERS = {
     ],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
-    "pages": [("displayed", "markup"), ("simulated",), ("study", "apply")],
+    "pages": [("displayed", "markup"), ("simulated",), ("*",)],
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
-        ("frame_poses", "frame_channels"),
+        ("frame_poses", "frame_channels", "kept"),
         ("*",),
-        ("report",),
         ("main",),
     ],
 }

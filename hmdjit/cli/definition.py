@@ -30,9 +30,6 @@ from .options import Options as Options
 Tables = Mapping[str, Mapping[str, Any]]
 """Numbers of techniques by their ids: arguments of their classes."""
 
-REPEAT = "repeat.toml"
-"""What a study was asked for, in its folder."""
-
 _OPTIONS = tuple(field.name for field in dataclasses.fields(Options))
 # Options that exclude each other; those in one bracket go together.
 _RIVALS = (
@@ -61,11 +58,11 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
         }
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    values = _placed(values, folder)
+    values = placed(values, folder)
     return Options(**values), numbers
 
 
-def _placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Options whose relative paths are taken from a folder."""
     values = dict(values)
     for name in values.keys() & {"images", "panorama", "trace"}:
@@ -88,40 +85,6 @@ def _beside(folder: Path, id: str) -> str:
     """Technique's id, with the file that it names taken from a folder."""
     family, colon, path = id.partition(":")
     return f"{family}:{folder / path}" if colon else id
-
-
-def keep(options: Options, tables: Tables, folder: Path) -> Path:
-    """Write what was asked for into a study's folder, as a STUDY.toml.
-
-    Files that it names are those that were read, by their full paths. Of a study with
-    a budget it asks for as many sessions again.
-    """
-    said = _placed(options.said(), Path.cwd())
-    for name in ("out", "overwrite"):
-        said.pop(name, None)
-    if said.pop("budget", None) is not None:
-        said["repeat"] = "result.nc"
-    numbers = {id: _toml.table(dict(table)) for id, table in tables.items()}
-    path = folder / REPEAT
-    _toml.write(path, _plain(said), numbers)
-    return path
-
-
-def kept(folder: Path) -> Study | None:
-    """Return the study whose definition lies in its folder; None if there is none.
-
-    **Errors:** those of `read_toml` and `build`, as where files are gone.
-    """
-    path = folder / REPEAT
-    return build(*read_toml(path)) if path.exists() else None
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _plain(each) for name, each in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(each) for each in value]
-    return str(value) if isinstance(value, Path) else value
 
 
 def merged(low: Options, high: Options) -> Options:

@@ -8,9 +8,8 @@ import rich.console
 import tyro
 
 from ..pages import study as pages
-from . import definition
+from .kept import kept, repeated
 from .options import OK, check_can_write, shown
-from .study import repeated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +47,7 @@ class ReportCommand:
             raise ValueError(f"{result}: must be a study's result ({error}).") from None
         study, reason = None, pages.UNKNOWN
         try:
-            study = definition.kept(self.folder)
+            study = kept(self.folder)
         except (ValueError, OSError) as error:
             reason = str(error).rstrip(".")
         command = "" if study is None else repeated(self.folder)

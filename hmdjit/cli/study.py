@@ -1,7 +1,6 @@
 """The command line's `hmdjit study`: the main job."""
 
 import dataclasses
-import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -15,14 +14,9 @@ from ..reports import study as report
 from ..studies.identity import counted
 from ..studies.measured_blocks import Tiles
 from . import definition
+from .kept import keep, repeated
 from .options import HEAD, OK, Options, check_can_write, shown
 from .progress import Display
-
-
-def repeated(folder: Path) -> str:
-    """Return the command that repeats a study of a folder."""
-    return f"hmdjit study {shlex.quote(str(folder / definition.REPEAT))} --out AGAIN"
-
 
 _SMALL_PX = 24  # a halo is about as wide
 
@@ -108,7 +102,7 @@ class StudyCommand(Options):
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
         report.print_table(dataset, console=console)
-        written = [definition.keep(options, tables, out)]
+        written = [keep(options, tables, out)]
         if self.no_report:
             written += report.write_report(dataset, out)
         else:

@@ -25,8 +25,10 @@ def flicker_maps(
     """Show what each technique displays, and each pixel's MTCD, on one scale."""
     columns = min(5, len(maps))
     rows = -(-len(maps) // columns)
+    height, width = next(iter(maps.values())).shape
+    tall = rows * (0.5 + 4.2 * height / width)
     figure, panels = drawing.panels(
-        2.2 * columns + 0.8, 4.6 * rows, footer, 2 * rows, columns
+        2.2 * columns + 0.8, tall, footer, 2 * rows, columns
     )
     most = max(0.1, *(np.quantile(one, 0.995) for one in maps.values()))
     shown: Any = None

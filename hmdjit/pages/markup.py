@@ -23,6 +23,7 @@ from .._files import written_atomically
 from ..color import CODE_VALUES
 from ..reports.tables import Continued
 
+_ROOM = importlib.resources.files("hmdjit.pages")
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'"
@@ -47,7 +48,7 @@ class Picture:
 
 def page(title: str, about: str, sections: Mapping[str, Sequence[str]]) -> str:
     """Return a page of headed sections, each of pieces of HTML."""
-    own = lambda name: importlib.resources.files(__package__).joinpath(name).read_text()
+    own = lambda name: _ROOM.joinpath(name).read_text("utf-8")
     names = {heading: _anchor(heading) for heading in sections}
     links = "".join(
         f'<li><a href="#{anchor}">{escape(heading)}</a></li>'

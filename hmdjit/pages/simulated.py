@@ -121,7 +121,7 @@ def _spectra(
     hz, _ = next(iter(temporal.values()))
     edges, _ = next(iter(octaves.values()))
     bands = figures.band_names(edges)
-    every = _some(len(hz))
+    every = some(len(hz))
     lines = [f"{hz[k]:.3g} Hz, code values²/Hz" for k in every]
     lines += [f"{band} cycles per degree, code values" for band in bands]
     columns = [
@@ -163,7 +163,7 @@ def _head(shown: Displayed, footer: str, keep: Keep) -> markup.Picture:
             f"{density[k, a]:.3g}",
         ]
         for a, axis in enumerate(AXES)
-        for k in _some(len(hz), 8)
+        for k in some(len(hz), 8)
     ]
     rows += [
         [f"px per frame, {100 * share:g} % of frames", f"{np.quantile(px, share):.3g}"]
@@ -174,7 +174,7 @@ def _head(shown: Displayed, footer: str, keep: Keep) -> markup.Picture:
             f"wander after {seconds[k]:.2g} s, 5, 50 and 95 % of sessions, deg",
             ", ".join(f"{bound:.3g}" for bound in bounds[k]),
         ]
-        for k in _some(len(seconds), 6)
+        for k in some(len(seconds), 6)
     ]
     return markup.Picture(
         keep("head", figures.head((hz, density), px.ravel(), wander, footer)),
@@ -187,8 +187,8 @@ def _head(shown: Displayed, footer: str, keep: Keep) -> markup.Picture:
     )
 
 
-def _some(count: int, most: int = _ROWS) -> list[int]:
-    """Places of at most so many rows, dense where they begin."""
+def some(count: int, most: int = _ROWS) -> list[int]:
+    """Choose places of at most so many rows, dense where they begin."""
     if count <= most:
         return list(range(count))
     places = np.geomspace(1, count, most).round().astype(int) - 1
