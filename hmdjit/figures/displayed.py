@@ -12,14 +12,14 @@ from matplotlib.ticker import FixedLocator
 from ..head_motion.parameters import AXES
 from . import drawing
 
-Numbers = Float[np.ndarray, " n"]
+Numbers = Float[np.ndarray, " _"]
 Style = Mapping[str, tuple[str, Any, str]]
 
 
 @drawing.styled
 def flicker_maps(
-    pictures: Mapping[str, Float[np.ndarray, "height width 3"]],
-    maps: Mapping[str, Float[np.ndarray, "height width"]],
+    pictures: Mapping[str, Float[np.ndarray, "_ _ 3"]],
+    maps: Mapping[str, Float[np.ndarray, "_ _"]],
     footer: str,
 ) -> Figure:
     """Show what each technique displays, and each pixel's MTCD, on one scale."""
@@ -93,9 +93,9 @@ def band_names(edges: Sequence[float] | Numbers) -> list[str]:
 
 @drawing.styled
 def head(
-    velocity: tuple[Numbers, Float[np.ndarray, "freqs 3"]],
+    velocity: tuple[Numbers, Float[np.ndarray, "_ 3"]],
     px_per_frame: Numbers,
-    wander: tuple[Numbers, Float[np.ndarray, "times 3"]],
+    wander: tuple[Numbers, Float[np.ndarray, "_ 3"]],
     footer: str,
 ) -> Figure:
     """Draw a study's heads: spectrum, turns per frame, and how far they wander.
