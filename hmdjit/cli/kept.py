@@ -9,9 +9,9 @@ from typing import Any
 
 import tyro
 
-from .. import _toml
+from .. import _toml, techniques
 from ..studies.study import Study
-from .definition import Tables, build, placed, read_toml
+from .definition import build, placed, read_toml
 from .options import Options
 
 REPEAT = "repeat.toml"
@@ -23,18 +23,21 @@ def repeated(folder: Path) -> str:
     return f"hmdjit study {shlex.quote(str(folder / REPEAT))} --out AGAIN"
 
 
-def keep(options: Options, tables: Tables, folder: Path) -> Path:
+def keep(options: Options, file: Path | None, folder: Path) -> Path:
     """Write what was asked for into a study's folder, as a STUDY.toml.
 
     Files that it names are those that were read, by their full paths. Of a study with
     a budget it asks for as many sessions again.
+
+    **Arguments:** `file`: the STUDY.toml that numbers of techniques came from, if any.
     """
     said = placed(options.said(), Path.cwd())
     for name in ("out", "overwrite"):
         said.pop(name, None)
     if said.pop("budget", None) is not None:
         said["repeat"] = "result.nc"
-    numbers = {id: _toml.table(dict(table)) for id, table in tables.items()}
+    content = {} if file is None else _toml.read(file)
+    numbers = {id: content[id] for id in techniques.IDS if id in content}
     path = folder / REPEAT
     _toml.write(path, _plain(said), numbers)
     return path

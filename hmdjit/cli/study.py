@@ -102,7 +102,7 @@ class StudyCommand(Options):
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
         report.print_table(dataset, console=console)
-        written = [keep(options, tables, out)]
+        written = [keep(options, self.definition, out)]
         if self.no_report:
             written += report.write_report(dataset, out)
         else:
