@@ -38,6 +38,7 @@ class Page(HTMLParser):
     @property
     def clips(self):
         found = re.search(r'<script type="application/json">(.*?)</script>', self.text)
+        assert found is not None
         return json.loads(found[1])
 
 
