@@ -26,7 +26,7 @@ for (const viewer of document.querySelectorAll(".viewer")) {
     load();
     return { image, whole, magnified };
   });
-  let frame = 0, begun = 0, timer = null;
+  let frame = 0, begun = null, timer = null;
 
   // Forth and back: no jump at the end.
   const turned = (k) => {
@@ -50,6 +50,7 @@ for (const viewer of document.querySelectorAll(".viewer")) {
   }
 
   function tick(now) {
+    if (begun === null) begun = now - ((frame + 0.5) * 1000) / rate;
     const latest = Math.floor(((now - begun) * rate) / 1000);
     if (latest !== frame) {
       frame = latest;
@@ -59,7 +60,7 @@ for (const viewer of document.querySelectorAll(".viewer")) {
   }
 
   function start() {
-    begun = performance.now() - (frame * 1000) / rate;
+    begun = null;
     timer = requestAnimationFrame(tick);
     play.textContent = "Pause";
     said.textContent = `playing, ${Math.round(rate)} Hz`;
