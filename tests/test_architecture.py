@@ -41,6 +41,7 @@ LINES = [
     ("hmdjit",),  # the names that `import hmdjit` offers
     ("figures",),
     ("reports",),
+    ("pages",),
     ("cli",),
     ("__main__",),
 ]
@@ -149,10 +150,11 @@ FOLDERS = {
     "sweep": [("dataset",), ("sweep",)],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
+    "pages": [("displayed", "markup"), ("simulated",), ("*",)],
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
-        ("frame_poses", "frame_channels"),
+        ("frame_poses", "frame_channels", "kept"),
         ("*",),
         ("main",),
     ],

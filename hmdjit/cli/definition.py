@@ -64,9 +64,15 @@ def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]
         }
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    for name in ("images", "panorama", "trace"):
-        if name in values:
-            values[name] = tuple(folder / file for file in values[name])
+    values = placed(values, folder)
+    return Options(**values), numbers
+
+
+def placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Options whose relative paths are taken from a folder."""
+    values = dict(values)
+    for name in values.keys() & {"images", "panorama", "trace"}:
+        values[name] = tuple(folder / file for file in values[name])
     for name in values.keys() & {"out", "repeat"}:
         values[name] = folder / values[name]
     if "head" in values and is_head_file(values["head"], folder):
@@ -76,7 +82,7 @@ def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]
         values["scenes"] = tuple(map(placed, values["scenes"]))
     if "techniques" in values:
         values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
-    return Options(**values), numbers
+    return values
 
 
 def _beside(folder: Path, id: str) -> str:

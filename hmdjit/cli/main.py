@@ -20,6 +20,7 @@ from .head import HeadCommand
 from .options import FAILED, OK, WRONG_INPUT, as_option
 from .options import INTERRUPTED as INTERRUPTED
 from .render import RenderCommand, ScenesCommand, TechniquesCommand
+from .report import ReportCommand
 from .reproduce import ReproduceCommand
 from .study import StudyCommand
 from .sweep import SweepCommand
@@ -35,6 +36,7 @@ COMMANDS: dict[str, Any] = {
     "pick": PickCommand,
     "envelope": EnvelopeCommand,
     "reproduce": ReproduceCommand,
+    "report": ReportCommand,
     "scenes": ScenesCommand,
     "techniques": TechniquesCommand,
     "render": RenderCommand,

@@ -10,11 +10,13 @@ import tyro
 from .._files import check_can_write
 from ..head_motion import presets
 from ..head_motion.replay import Replay
+from ..pages import study as pages
 from ..reports import study as report
 from ..studies.executors import opened
 from ..studies.identity import counted
 from ..studies.measured_blocks import Tiles
 from . import definition
+from .kept import keep, repeated
 from .options import HEAD, OK, Options, shown
 from .progress import Display
 
@@ -35,6 +37,9 @@ class StudyCommand(Options):
         tyro.conf.Positional[Path | None],
         shown("[STUDY.toml]", "File with any of the options below as keys."),
     ] = None
+    no_report: Annotated[
+        bool, shown("", "Write no report.html: `hmdjit report DIR` does so later.")
+    ] = False
 
     def run(self, console: rich.console.Console) -> int:
         """Run the study; write, draw and print what it found."""
@@ -102,8 +107,12 @@ class StudyCommand(Options):
             raise KeyboardInterrupt(
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
-        written = report.write_report(dataset, out)
         report.print_table(dataset, console=console)
+        written = [keep(options, self.definition, out)]
+        if self.no_report:
+            written += report.write_report(dataset, out)
+        else:
+            written += pages.write_page(dataset, out, study, command=repeated(out))
         console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
         if goal.budget_s is not None:
             console.out(

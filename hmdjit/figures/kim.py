@@ -1,6 +1,9 @@
 """Kim et al.'s figures, drawn anew: figure 3, figure 4, and the map of the ratio."""
 
+from collections.abc import Mapping
+
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -22,18 +25,27 @@ def draw(found: Found) -> dict[str, Figure]:
     footer = f"{found.about} {made_by()}."
     one = f"One person who fixates, the middle of a picture. {made_by()}."
     return {
-        "figure_4": _two_frames(found, one),
+        "figure_4": two_frames(found.pictures, one, across=len(found.pictures)),
         "map": _map(list(found.tables["map"]), footer),
     }
 
 
 @drawing.styled
-def _two_frames(found: Found, footer: str) -> Figure:
-    """Show two consecutive frames by each condition, and how they differ."""
-    count = len(found.pictures)
-    figure, panels = drawing.panels(6.9 * count, 5.1, footer, rows=2, columns=3 * count)
+def two_frames(
+    pictures: Mapping[str, Float[np.ndarray, "2 height width 3"]],
+    footer: str,
+    across: int = 1,
+) -> Figure:
+    """Show two consecutive frames by each condition, and how they differ.
+
+    **Arguments:** `across`: conditions side by side.
+    """
+    rows = 2 * -(-len(pictures) // across)
+    figure, panels = drawing.panels(
+        6.9 * across, 2.5 * rows, footer, rows=rows, columns=3 * across
+    )
     flicker = {}
-    for k, (name, frames) in enumerate(found.pictures.items()):
+    for k, (name, frames) in enumerate(pictures.items()):
         before, after = frames
         difference = np.abs(after - before)
         flicker[name] = 255 * np.sqrt((difference**2).sum(axis=-1)).mean()
@@ -42,25 +54,27 @@ def _two_frames(found: Found, footer: str) -> Figure:
             "the next one": after,
             f"difference x {_GAIN}": np.clip(_GAIN * difference, 0, 1),
         }
-        middle = (frames.shape[1] - _ZOOM_PX) // 2
-        part = slice(middle, middle + _ZOOM_PX)
-        for (title, picture), (whole, zoomed) in zip(
-            shown.items(), panels[:, 3 * k : 3 * k + 3].T, strict=True
-        ):
+        size = np.array(frames.shape[1:3])
+        side = min(_ZOOM_PX, *size)
+        top, left = (size - side) // 2
+        part = slice(top, top + side), slice(left, left + side)
+        row, column = 2 * (k // across), 3 * (k % across)
+        mine = panels[row : row + 2, column : column + 3].T
+        for (title, picture), (whole, zoomed) in zip(shown.items(), mine, strict=True):
             whole.imshow(picture, interpolation="nearest")
-            whole.set_title(title)
-            corner = (middle - 0.5, middle - 0.5)
+            whole.set_title(title, fontsize=drawing.NAME)
+            corner = (left - 0.5, top - 0.5)
             frame = {"fill": False, "ec": drawing.VERMILLION, "lw": 1.5}
-            whole.add_patch(Rectangle(corner, _ZOOM_PX, _ZOOM_PX, **frame))
-            zoomed.imshow(picture[part, part], interpolation="nearest")
+            whole.add_patch(Rectangle(corner, side, side, **frame))
+            zoomed.imshow(picture[part], interpolation="nearest")
             for axes in (whole, zoomed):
                 axes.set(xticks=[], yticks=[])
                 axes.spines[:].set_visible(True)
             zoomed.spines[:].set(color=drawing.VERMILLION, linewidth=1.5)
     said = ", ".join(f"{name} {mtcd:.1f}" for name, mtcd in flicker.items())
     figure.suptitle(
-        "What flickers from a frame to the next, and the same magnified. MTCD of "
-        f"this pair, code values: {said}",
+        "What flickers from a frame to the next, and the same magnified.\n"
+        f"MTCD of this pair, code values: {said}",
         fontsize=11,
     )
     return figure

@@ -48,14 +48,7 @@ class Compared:
         known = [dataset.attrs.get(name, 1) for name in names]
         self.camera = Camera(int(known[0]), int(known[1]), *map(float, known[2:]))
         self.others = [t for t in self.techniques if t != self.baseline]
-        count = len(COLOURS)
-        self.style: dict[str, tuple[str, Any, str]] = {
-            self.baseline: ("black", "-", "o")
-        }
-        for i, technique in enumerate(self.others):
-            turn = i // count
-            marker = _MARKERS[(i + turn) % count]
-            self.style[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+        self.style = styles(self.baseline, self.others)
 
     def points(self, technique: str) -> dict[str, Any]:
         """Return colour and marker of a technique's points."""
@@ -76,3 +69,14 @@ class Compared:
         place = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate(subtitle, (0, 1), (0, 6), va="bottom", **place, **SMALL)
         return figure, axes
+
+
+def styles(baseline: str, others: Sequence[str]) -> dict[str, tuple[str, Any, str]]:
+    """Give each technique a colour, dashes and a marker; the baseline is black."""
+    count = len(COLOURS)
+    found: dict[str, tuple[str, Any, str]] = {baseline: ("black", "-", "o")}
+    for i, technique in enumerate(others):
+        turn = i // count
+        marker = _MARKERS[(i + turn) % count]
+        found[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+    return found

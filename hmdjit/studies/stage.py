@@ -156,13 +156,14 @@ def stages(study: StudyDefinition, seed: int, batch_size: int) -> list[Stage]:
             places,
             runner(scene, techniques),
             drawing(study, seed, is_solid=solid),
-            lambda: placed(_source(study, scene)),
+            lambda: placed(source_of(study, scene)),
         )
 
     return [stage(name, scene) for name, scene in study.scenes.items()]
 
 
-def _source(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
+def source_of(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
+    """Make what is rendered of a scene."""
     if isinstance(scene, AbstractSource):
         return scene
     return bake(
