@@ -16,7 +16,7 @@ PACKAGE = Path(hmdjit.__file__).parent
 # A line may name what is not written yet.
 LINES = [
     ("_types", "_checks", "_files", "_version"),
-    ("_toml",),
+    ("_toml", "_python_files"),
     ("quaternion",),
     ("camera",),
     ("camera_bounds",),
@@ -78,7 +78,8 @@ FOLDERS = {
         ("shapes", "ray_casting"),
         ("props", "solid_channels"),
         ("solids",),
-        ("solid_set", "study_set"),
+        ("solid_set",),
+        ("registry",),
     ],
     "filters": [
         ("neighborhood", "scattering"),
@@ -257,8 +258,8 @@ def test_imports_point_backwards():
         ("techniques.spatial", "from ..techniques import Freeze", True),
         ("techniques.spatial", "from ..simulation import simulate", True),
         ("techniques", "from .spatial import SSAA", False),
-        ("scenes.study_set", "from . import patterns", False),
-        ("scenes.patterns", "from . import study_set", True),
+        ("scenes.registry", "from . import patterns", False),
+        ("scenes.patterns", "from . import registry", True),
         ("reports.study", "from ..estimates.summary import Interval", False),
         ("estimates.summary", "from ..reports.study import page", True),
         ("hmdjit", "from .studies.study import Study", False),
@@ -275,7 +276,7 @@ def test_the_check_itself(importer, line, is_wrong):
         "technique_contract.base",
         "techniques.freeze",
     ]
-    names += ["scenes.patterns", "scenes.study_set"]
+    names += ["scenes.patterns", "scenes.registry"]
     trees = {name: ast.parse("") for name in names} | {importer: ast.parse(line)}
     assert bool(wrong_imports(trees)) == is_wrong
 

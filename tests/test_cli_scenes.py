@@ -9,6 +9,7 @@ from PIL import Image
 
 import hmdjit as hj
 from hmdjit.cli import definition, main, render
+from hmdjit.scenes import registry
 from hmdjit.trade_off import cost
 
 PICTURE = hj.scenes.uniform(name="grey")
@@ -17,12 +18,16 @@ KNOWN = {"grey": PICTURE}
 
 @pytest.fixture(autouse=True)
 def few_scenes(monkeypatch):
-    monkeypatch.setattr(definition.scenes, "study_set", lambda: dict(KNOWN))
     pipe = small.solids(movement=None)
-    solids = {"fence": small.solids(), "pipe": pipe, "grey": small.NOISE}
-    monkeypatch.setattr(definition.scenes, "solid_set", lambda: solids)
-    made = {name: lambda scene=scene: scene for name, scene in solids.items()}
-    monkeypatch.setattr(definition, "SOLIDS", made)
+    solids = {"fence": small.solids(), "pipe": pipe}
+    made = [
+        {name: lambda scene=scene: scene for name, scene in known.items()}
+        for known in (KNOWN, solids | {"grey": small.NOISE})
+    ]
+    monkeypatch.setattr(registry, "_PICTURES", made[0])
+    monkeypatch.setattr(registry, "SOLIDS", made[1])
+    for where in (registry, hj.scenes):
+        monkeypatch.setattr(where, "NAMES", ("grey", "fence", "pipe"))
 
 
 @pytest.fixture

@@ -21,6 +21,15 @@ PICTURES = {
     "contact_sheet.py": ("--scenes", "pipe", "coffee", "--side", "96"),
     "ratio_against_correlation.py": ("--sessions", "4", "--crop", "16"),
 }
+# Their docstring has what the whole of them prints.
+PRINTED = {
+    "custom_technique.py": ("--sessions", "4"),
+    "custom_scene.py": ("--sessions", "4"),
+    "my_renderer.py": ("--frames", "8"),
+    "my_trace.py": ("--sessions", "4"),
+    "gradient_of_flicker.py": ("--heads", "2"),
+    "on_a_cluster.py": ("--sessions", "4"),
+}
 SMALL = ("--width", "64", "--height", "64", "--fov", "8")
 PAGES = {
     "all_techniques": (
@@ -109,7 +118,8 @@ def inputs(tmp_path_factory):
 def test_every_example_is_run():
     scripts = {path.name for path in EXAMPLES.glob("*.py")}
     pages = {f"{name}.py" for name in PAGES}
-    assert scripts == set(PICTURES) | pages | {"quasi_random_paths.py", "pages.py"}
+    known = {*PICTURES, *PRINTED, *pages}
+    assert scripts == known | {"quasi_random_paths.py", "pages.py"}
     texts = {"outgrowing_one_machine"}  # which no script fills
     assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES) | texts
 
@@ -259,3 +269,40 @@ def test_examples_write_their_picture(name, tmp_path):
     out = tmp_path / "picture.png"
     _run(name, *PICTURES[name], "--out", str(out), timeout=300)
     assert out.stat().st_size > 10_000
+
+
+NUMBER = re.compile(r"-?\d[\d.]*(?:e-?\d+)?")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRINTED)
+def test_examples_print_what_they_say(name):
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    if name == "on_a_cluster.py" and "executor" not in hj.Study.run.__annotations__:
+        pytest.skip("studies take no executor")
+    about = text.split('"""')[1]
+    command, told = re.search(
+        r"\n    (python .*)\n\nprinted\n\n((?:    .*\n)+)", about
+    ).groups()
+    assert command == f"python examples/{name}"
+    printed = _run(name, *PRINTED[name])
+    form = lambda output: NUMBER.sub("0", " ".join(output.split()))
+    assert form(printed) == form(told)
+    assert NUMBER.findall(printed) != NUMBER.findall(told)  # in small: other numbers
+    globals().get(f"_check_{name[:-3]}", lambda printed: None)(printed)
+
+
+def _check_my_renderer(printed):
+    rendered, shown, more = (
+        float(line.split(":")[1].split()[0]) for line in printed.splitlines()
+    )
+    assert rendered > shown > more > 0
+
+
+def _check_gradient_of_flicker(printed):
+    exact, difference = map(float, NUMBER.findall(printed.splitlines()[-1]))
+    assert exact == pytest.approx(difference, rel=0.01)
+
+
+def _check_on_a_cluster(printed):
+    assert "same bits as here: True" in printed

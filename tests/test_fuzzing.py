@@ -209,7 +209,6 @@ def at_the_door(monkeypatch, tmp_path, untyped):
 
     noise = {"noise": hj.scenes.power_law_noise(size=16)}
     monkeypatch.setattr(definition, "_scenes", lambda options: noise)
-    monkeypatch.setattr(definition, "every_scene", lambda: noise)
     monkeypatch.setattr(hj.scenes, "study_set", lambda: noise)
     for thing, name in [
         *((kind, "run") for kind in (hj.Study, hj.Sweep)),

@@ -198,7 +198,7 @@ def test_a_tolerance_is_kept_from_the_command_line_on(tmp_path, capsys, monkeypa
 
     monkeypatch.setattr(running.Runner, "run", run)
     monkeypatch.setattr(report, "write_report", lambda *_: [])
-    monkeypatch.setattr(definition.scenes, "study_set", lambda: {"noise": GREY})
+    monkeypatch.setattr(definition.scenes, "by_name", lambda name: GREY)
     # The whole frame is predicted by nothing, which would have to be compiled.
     command = [*COMMAND, "--whole-frame", "--out", str(tmp_path)]
     assert not cli.run([*command, "--tolerance", "0.04"])

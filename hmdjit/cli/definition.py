@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import _checks, _toml, metrics, scenes, techniques
+from .. import _checks, _python_files, _toml, metrics, scenes, techniques
 from ..camera import Camera
 from ..head_motion import HeadMotion, presets
 from ..head_motion.replay import Replay
-from ..scenes.solid_set import SOLIDS
 from ..scenes.solids import Solids
 from ..studies.definition import StudyScene
 from ..studies.measured_blocks import CentralCrop, Measurement, Tiles, WholeFrame
@@ -87,6 +86,8 @@ def placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 def _beside(folder: Path, id: str) -> str:
     """Technique's id, with the file that it names taken from a folder."""
+    if _python_files.split(id.partition("+")[0]):
+        return str(folder / id)
     family, colon, path = id.partition(":")
     return f"{family}:{folder / path}" if colon else id
 
@@ -213,35 +214,23 @@ def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:
     **Errors:** `ValueError` for an unknown name, with the nearest, and for two scenes
     of one name.
     """
-    known: dict[str, StudyScene] = dict(scenes.study_set())
     if not names:
-        return known
-    every = [*known, *(name for name in SOLIDS if name not in known)]
+        return dict(scenes.study_set())
     chosen: dict[str, StudyScene] = {}
     for name in names:
-        is_file = name not in every and _is_picture(name)
-        short = Path(name).stem if is_file else name
+        scene = scenes.by_name(name)
+        short = name if name in scenes.NAMES else scene.name
         if short in chosen:
             raise ValueError(f"scenes must differ in name, got {short} twice.")
-        if not is_file:
-            _checks.one_of("scenes", name, every)
-        if is_file:
-            chosen[short] = scenes.Photograph.read(Path(name))
-        else:
-            chosen[short] = known[name] if name in known else SOLIDS[name]()
+        chosen[short] = scene
     return chosen
 
 
-def every_scene() -> dict[str, StudyScene]:
-    """Return all scenes that have a name, those of the default study first."""
-    pictures = scenes.study_set()
-    return {**pictures, **scenes.solid_set(), **pictures}
-
-
 def _is_picture(name: str, folder: Path = Path()) -> bool:
-    """Whether a scene is named by a picture's file in a folder; names come first."""
-    is_file = bool(Path(name).suffix) or (folder / name).is_file()
-    return is_file and name not in (*scenes.NAMES, *SOLIDS)
+    """Whether a scene is named by a file in a folder; names come first."""
+    return name not in scenes.NAMES and (
+        bool(Path(name).suffix) or (folder / name).is_file()
+    )
 
 
 def goal(options: Options, study: Study) -> Goal:

@@ -23,6 +23,8 @@ class EnvelopeCommand:
     Holds the functions of its table against answers of 300 digits, over their ranges on
     a logarithmic scale, in float32 and float64, and says whether stated bounds hold.
     Takes a few minutes; `--quick` less than one.
+
+    For example: hmdjit envelope --quick
     """
 
     quick: Annotated[bool, shown("", "Fewer inputs, shorter runs.")] = False

@@ -49,6 +49,8 @@ class FitCommand:
     beside Kim et al.'s, and one of the front of flicker and detail that it is on. What
     it gains is measured on sessions and on scenes that it was not fitted to. An
     interrupted fit goes on where it stopped when the same command is run again.
+
+    For example: hmdjit fit --family spline --head seated --out spline.toml
     """
 
     scenes: Annotated[

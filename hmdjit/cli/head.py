@@ -77,7 +77,10 @@ _Recordings = tyro.conf.OmitArgPrefixes[Recordings]
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Fit the head model to recorded heads: a TOML file, and a figure beside it."""
+    """Fit the head model to recorded heads: a TOML file, and a figure beside it.
+
+    For example: hmdjit head fit PERSON_1.csv PERSON_2.csv --out mine.toml
+    """
 
     recordings: _Recordings
     order: Annotated[
@@ -114,7 +117,10 @@ class Fit:
 
 @dataclasses.dataclass(frozen=True)
 class Describe:
-    """Say what recorded heads do while they are still: a table and a figure."""
+    """Say what recorded heads do while they are still: a table and a figure.
+
+    For example: hmdjit head describe PERSON_1.csv --model mine.toml
+    """
 
     recordings: _Recordings
     model: Annotated[
@@ -143,7 +149,10 @@ class Describe:
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
-    """Draw a person's session from a head model: a trace, and a figure beside it."""
+    """Draw a person's session from a head model: a trace, and a figure beside it.
+
+    For example: hmdjit head sample --model seated --out seated.csv
+    """
 
     model: Annotated[str, shown("NAME|TOML", f"Head model (default: {HEAD}).")] = HEAD
     rate: Annotated[float, shown("HZ", "Frame rate (default: 90).")] = 90.0
@@ -186,7 +195,10 @@ _Command = tyro.conf.OmitArgPrefixes[Fit | Describe | Sample]
 
 @dataclasses.dataclass(frozen=True)
 class HeadCommand:
-    """How heads move: fit a model to recordings, describe them, sample a model."""
+    """How heads move: fit a model to recordings, describe them, sample a model.
+
+    For example: hmdjit head describe ME.csv
+    """
 
     command: tyro.conf.OmitSubcommandPrefixes[_Command]
 

@@ -14,6 +14,7 @@ from .._version import __version__
 from ..reports.tables import spelled
 from ..studies.failures import FailedSessionsError, LostWorkersError
 from .apply import ApplyCommand
+from .doctor import DoctorCommand
 from .envelope import EnvelopeCommand
 from .fit import FitCommand
 from .head import HeadCommand
@@ -40,6 +41,7 @@ COMMANDS: dict[str, Any] = {
     "scenes": ScenesCommand,
     "techniques": TechniquesCommand,
     "render": RenderCommand,
+    "doctor": DoctorCommand,
 }
 SPELLED = "hmdjit-spelled"
 """How a terminal or a pipe writes what its encoding has no letter for."""

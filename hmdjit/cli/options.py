@@ -103,8 +103,8 @@ class _StudyOptions:
         tuple[str, ...] | None,
         shown(
             "NAME...",
-            "Scenes by name, pictures and solids (`hmdjit scenes` lists them), or "
-            "picture files (default: eleven pictures).",
+            "Scenes by name, pictures and solids (`hmdjit scenes` lists them), picture "
+            "files, or your own, my_scene.py:scene (default: eleven pictures).",
         ),
     ] = None
     no_neck: Annotated[
@@ -120,7 +120,8 @@ class _StudyOptions:
         shown(
             "ID...",
             "Techniques; head_movement:FILE.toml has its numbers and curves from a "
-            f"file (default: {' '.join(TECHNIQUES)}).",
+            "file, and my_taa.py:MyTAA is your own "
+            f"(default: {' '.join(TECHNIQUES)}).",
         ),
     ] = None
     baseline: Annotated[

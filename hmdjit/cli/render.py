@@ -45,12 +45,14 @@ class ScenesCommand:
     """List the scenes that have a name: what each is, and what it gives techniques.
 
     The first eleven are the default study's. A study takes any of them by `--scenes`.
+
+    For example: hmdjit scenes
     """
 
     def run(self, console: rich.console.Console) -> int:
         """Print a line for each scene."""
-        known = definition.every_scene()
-        for name, scene in known.items():
+        for name in scenes.NAMES:
+            scene = scenes.by_name(name)
             kind, size, moves = _about(scene)
             gives = " ".join(sorted(scene.gives))
             console.out(f"{name:16} {kind:8} {size:26} {moves:6} gives {gives}")
@@ -61,7 +63,8 @@ _COMPOSED = """\
 An id says what is not a technique's default: ssaa6, accumulation64, fxaa25, smaa_ultra;
 _gamma or _linear, where colours are mixed; _no_jitter, last, where samples would move.
 head_movement+ssaa2 resolves the samples of another first, head_movement:FILE.toml has
-numbers from a file; none+sharpen is a stage of display, which follows any of them."""
+numbers from a file, my_taa.py:MyTAA is a class of your own; none+sharpen is a stage of
+display, which follows any of them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +73,8 @@ class TechniquesCommand:
 
     Jitter is optional where a frame's samples lie elsewhere than in the last one unless
     the id says no. A study takes any of them by `--techniques`.
+
+    For example: hmdjit techniques karis my_taa.py:MyTAA --cost
     """
 
     ids: Annotated[
@@ -143,11 +148,17 @@ class RenderCommand:
 
     Colour, or what else a scene gives techniques: depth and ids are shown in colours
     that are said; a file that ends in .npy has the numbers themselves.
+
+    For example: hmdjit render fence --channel depth --out depth.png
     """
 
     scene: Annotated[
         tyro.conf.Positional[str],
-        shown("SCENE", "Name of a scene (see `hmdjit scenes`), or a picture file."),
+        shown(
+            "SCENE",
+            "Name of a scene (see `hmdjit scenes`), a picture file, or your own, "
+            "my_scene.py:scene.",
+        ),
     ]
     channel: Annotated[str, shown("NAME", f"What is shown: {', '.join(CHANNELS)}")] = (
         "color"

@@ -46,6 +46,8 @@ class ReproduceCommand:
     Writes each claim with what was measured, its interval, a verdict (holds, does not
     hold, cannot be told) and the reason, as CSV and as a figure. An interrupted run
     goes on where it stopped when the same command is run again.
+
+    For example: hmdjit reproduce kim --quick
     """
 
     paper: Annotated[

@@ -31,6 +31,8 @@ class StudyCommand(Options):
     anti-aliasing, MSAA 4x and head movement, the frozen picture as a control and SSAA
     as the reference. An interrupted study goes on where it stopped when the same
     command is run again.
+
+    For example: hmdjit study --scenes fence A.png --sessions 200
     """
 
     definition: Annotated[

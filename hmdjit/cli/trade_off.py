@@ -39,6 +39,8 @@ class TradeOffCommand:
     measured by paired differences to the reference (texture 4x, float64). Of solids,
     rays are cast (reference: 64 rays per pixel for detail loss, float64); where nothing
     moves in them, a texture of what a head without a neck sees is held beside it.
+
+    For example: hmdjit trade-off --scene fence --quick
     """
 
     scene: Annotated[
@@ -125,6 +127,8 @@ class PickCommand:
     """Choose the cheapest setting within a tolerance, or the best within a budget.
 
     From what `hmdjit trade-off` measured here. Names the options of `hmdjit study`.
+
+    For example: hmdjit pick --tolerance 0.02
     """
 
     tolerance: Annotated[

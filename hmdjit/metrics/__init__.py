@@ -12,6 +12,7 @@ Lab values. `by_id` finds what a study is asked for.
 from .base import AbstractMetric as AbstractMetric
 from .base import PixelMean as PixelMean
 from .base import Streamed as Streamed
+from .changed_pixels import ChangedPixels as ChangedPixels
 from .color_difference import CIEDE2000 as CIEDE2000
 from .color_difference import ciede2000 as ciede2000
 from .color_difference import ciede2000_map as ciede2000_map

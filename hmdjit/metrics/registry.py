@@ -2,6 +2,7 @@
 
 from .. import _checks
 from .base import AbstractMetric
+from .changed_pixels import ChangedPixels
 from .color_difference import CIEDE2000
 from .image_error import MSE, PSNR, RMSD, SNR, DetailLoss
 from .mtcd import MTCD
@@ -19,6 +20,7 @@ _METRICS: dict[str, AbstractMetric] = {
         SSIM(),
         SSIMVolume(),
         CIEDE2000(),
+        *map(ChangedPixels, (1, 2, 5)),
     )
 }
 

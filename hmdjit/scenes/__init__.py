@@ -1,8 +1,8 @@
 """Scenes: what is there to be seen.
 
 `base` has the contract, `patterns`, `rasters` and `pictures` the scenes, `baking` makes
-a texture of one. `study_set` lists those of a study that names none, `solid_set` those
-of solids.
+a texture of one. `registry` knows names, and those of a study that names none;
+`solid_set` those of solids.
 Arrays of colours are gamma: uint8, uint16 or floating in `[0, 1]`, all else is refused;
 `Photograph.read` says what is done with transparency, profiles and other things of
 files. `study_set` needs the extra packages of `hmdjit[study]`; the other names need
@@ -16,6 +16,7 @@ from .base import AbstractFlatScene as AbstractFlatScene
 from .base import AbstractScene as AbstractScene
 from .patterns import almost_uniform as almost_uniform
 from .patterns import checkerboard as checkerboard
+from .patterns import from_function as from_function
 from .patterns import honeycomb as honeycomb
 from .patterns import uniform as uniform
 from .patterns import zone_plate as zone_plate
@@ -23,6 +24,10 @@ from .pictures import Panorama as Panorama
 from .pictures import Photograph as Photograph
 from .rasters import page_of_text as page_of_text
 from .rasters import power_law_noise as power_law_noise
+from .registry import CREDITS as CREDITS
+from .registry import NAMES as NAMES
+from .registry import by_name as by_name
+from .registry import study_set as study_set
 from .shapes import Movement as Movement
 from .shapes import Object as Object
 from .shapes import Sun as Sun
@@ -40,6 +45,3 @@ from .solid_set import solid_set as solid_set
 from .solid_set import wall_text as wall_text
 from .solids import Baked as Baked
 from .solids import Solids as Solids
-from .study_set import CREDITS as CREDITS
-from .study_set import NAMES as NAMES
-from .study_set import study_set as study_set

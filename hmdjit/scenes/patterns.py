@@ -1,13 +1,14 @@
-"""Patterns given by formulas: checkerboard, honeycomb, zone plate, plain ones.
+"""Patterns given by formulas: checkerboard, honeycomb, zone plate, plain, one's own.
 
 All are flat. A size in degrees is one at the centre of the view, where the default
 camera has 8.05 px/deg: a degree is pi / 180 tangent units of the image plane.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -224,3 +225,68 @@ def _rgb(field: str, color: Sequence[float]) -> Float[Array, "3"]:
     for channel, value in zip(("red", "green", "blue"), color, strict=True):
         _checks.in_range(f"{field} ({channel})", float(value), 0, 1)
     return jnp.asarray(color, float)
+
+
+_SEEN_DEG = 80.0  # half of the plane that the default camera and margin see, and more
+
+
+class _Formula(base.AbstractFlatScene):
+    function: Callable[[Any, Any], Any] = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+
+    def plane_color(
+        self, camera: Camera, x: base.Coordinate, y: base.Coordinate
+    ) -> base.Colors:
+        del camera
+
+        def color(x: Array, y: Array) -> Array:
+            found = self.function(x, y)
+            planes = found if isinstance(found, tuple | list) else [found]
+            planes = jnp.concatenate([jnp.ravel(jnp.asarray(p)) for p in planes])
+            if planes.shape not in ((1,), (3,)):
+                raise ValueError(f"it returned {planes.size} numbers")
+            return jnp.broadcast_to(planes.astype(x.dtype), 3)
+
+        flat = jax.vmap(color)(_DEG_PER_UNIT * x.ravel(), _DEG_PER_UNIT * y.ravel())
+        return flat.T.reshape(3, *x.shape)
+
+
+def from_function(
+    f: Callable[[Any, Any], Any], *, name: str | None = None
+) -> base.AbstractScene:
+    """Return a scene that a plain function paints, in front of the head.
+
+    Studies keep finished batches of it only if the function has a `version`, changed
+    with all that it computes with: `f.version = 1`.
+
+    **Arguments:**
+
+    - `f`: `f(x, y)` of one point, right and up of straight ahead, degrees at the centre
+      of the view, is grey or red, green and blue: a number or three, gamma, in
+      `[0, 1]`. Written with `jax.numpy`, for it is compiled, and exact: without
+      anti-aliasing.
+    - `name`: what tables call it; by default the function's own.
+
+    **Errors:** `ValueError` naming the point, if it does not return that within 80
+    degrees; all that is baked is held to `[0, 1]` again.
+    """
+    called = name or getattr(f, "__name__", "function").strip("<>")
+    must = f"function {called!r} must return a number or three in [0, 1]"
+    scene = _Formula(function=f, name=called)
+    # Odd, so that both axes and straight ahead are among the places.
+    place = jnp.linspace(-_SEEN_DEG, _SEEN_DEG, 161)
+    x, y = jnp.meshgrid(place, place)
+    try:
+        paint = lambda x, y: scene.plane_color(Camera(), x, y)
+        colors = jax.jit(paint)(x / _DEG_PER_UNIT, y / _DEG_PER_UNIT)
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0]
+        raise ValueError(f"{must}, got {type(error).__name__}: {reason}") from error
+    slack = 0.5 / 255  # as of all colours
+    wrong = ~((colors >= -slack) & (colors <= 1 + slack)).all(0)  # also of NaN
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"{must}, got {colors[:, i, j].tolist()} at ({x[i, j]:g}, {y[i, j]:g})."
+        )
+    return scene

@@ -46,7 +46,7 @@ _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
 class Run:
-    """One call of `Study.run`, or a cell of a sweep, which has no `result` file."""
+    """One call of `Study.run`, or a cell of a sweep, whose result is not written."""
 
     def __init__(
         self,
@@ -61,16 +61,15 @@ class Run:
         overwrite: bool,
         executor: futures.Executor | None = None,
         in_flight: int = 1,
-        result: str = "result.nc",
+        is_cell: bool = False,
     ):
-        self.executor, self.in_flight = executor, in_flight
+        self.executor, self.in_flight, self.is_cell = executor, in_flight, is_cell
         self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
-        self.file = self.out / result if self.out is not None and result else None
         self.sessions = drawing(study, seed)(study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
         self.definition = definition(study, seed, goal)
-        if self.out is not None and result and not overwrite:
+        if not (self.out is None or is_cell or overwrite):
             most = self.sessions.count if goal == Goal() else _ENDLESS
             check_contains(self.out, self.definition, most)
         if unknown := sorted(set(without_version(study))):
@@ -88,7 +87,7 @@ class Run:
         self.stages = stages(study, seed, self.batch_size)
         self.identity = numbers_key(study, seed)
         self.known = attributes(study, seed, fingerprint(self.identity, study))
-        if kept is not None and result:
+        if not (kept is None or is_cell):
             write_manifest(kept, study, self.definition, self.known)
 
     def dataset(self) -> "xarray.Dataset":
@@ -297,6 +296,6 @@ class Run:
         if controls is not None:
             dataset = dataset.assign(controls["variables"])
             dataset = dataset.assign_attrs(controls["attributes"])
-        if self.file is not None:
-            write_dataset(dataset, self.file)
+        if not (self.out is None or self.is_cell):
+            write_dataset(dataset, self.out / "result.nc")
         return dataset

@@ -8,8 +8,8 @@ unfinished.
 
 The code of the package is what the model's version stands for. No hash knows all that
 a class of a user's own computes with (helper functions, constants, parents): batches
-of one are kept only if the class itself names a `version`, anything that is changed
-whenever what it computes changes.
+of one are kept only if the class itself, or a function, has a `version`, anything that
+is changed whenever what it computes changes.
 """
 
 import dataclasses
@@ -73,7 +73,8 @@ def _absorb(digest: Any, part: Any) -> None:
                 digest.update(field.name.encode())
                 _absorb(digest, getattr(part, field.name))
     elif callable(part):
-        digest.update(_called(part).encode())  # what it does, no version knows
+        digest.update(_called(part).encode())  # what it does, a version knows at most
+        digest.update(repr(getattr(part, "version", None)).encode())
     else:
         raise TypeError(f"cannot take the fingerprint of: {type(part).__name__}.")
 
@@ -92,7 +93,7 @@ def without_version(*parts: Any) -> list[str]:
                 found.append(kind.__qualname__)
             fields = dataclasses.fields(kind)
             found += without_version(*(getattr(part, field.name) for field in fields))
-        elif callable(part):
+        elif callable(part) and getattr(part, "version", None) is None:
             found.append(_called(part))
     return found
 

@@ -130,7 +130,7 @@ class Sweep:
                     Goal(),
                     omit_failed=omit_failed,
                     overwrite=True,
-                    result="",
+                    is_cell=True,
                     executor=executor,
                     in_flight=in_flight(executor),
                 )

@@ -5,9 +5,12 @@ An id is the family's name and what is not its default, such as `ssaa2_gamma`.
 
 import dataclasses
 import difflib
+import functools
 import re
 from itertools import product
+from pathlib import Path
 
+from .. import _python_files
 from ..filters.aliasing import DEPTH_RANGES
 from ..sample_patterns import MULTISAMPLE_COUNTS
 from ..technique_contract.base import (
@@ -16,12 +19,14 @@ from ..technique_contract.base import (
     AbstractSpatial,
     AbstractTechnique,
 )
+from ..technique_contract.check import check
 from ..technique_contract.display_stages import (
     AbstractStage,
     Displayed,
     MotionBlur,
     Sharpening,
 )
+from ..technique_contract.shapes import check_contract
 from . import curve_file, fxaa, morphological
 from .amortized import Amortized
 from .freeze import Freeze
@@ -107,8 +112,10 @@ def by_id(id: str) -> AbstractTechnique:
     """Technique of an id such as `none`, `msaa4`, `ssaa2`, `head_movement+ssaa2`.
 
     `head_movement:curve.toml` and `head_movement:curve.toml+ssaa2` read a file (see
-    `curve_file`), whose name becomes the label. `+sharpen`, `+sharpen_xu` and
-    `+motion_blur` behind a technique are stages of display.
+    `curve_file`), whose name becomes the label. `my_taa.py:MyTAA` runs a Python file
+    and takes a class, made without arguments, or a technique from it, if it keeps the
+    laws of `check`. `+sharpen`, `+sharpen_xu` and `+motion_blur` behind a technique are
+    stages of display.
 
     **Errors:** `ValueError` naming the known ids, with the nearest as a suggestion, or
     the file and what is wrong with it.
@@ -116,6 +123,8 @@ def by_id(id: str) -> AbstractTechnique:
     before, plus, last = id.rpartition("+")
     if plus and (stage := _stage(last)):
         return Displayed(by_id(before), stage)
+    if own := _python_files.split(id):
+        return _own(*own)
     # A path may have a plus of its own, before a slash or a dot.
     found = re.fullmatch(r"([^:+]*)(?::(.+?))?(?:\+(\w*))?", id)
     name, path, resolve = found.groups() if found else (id, None, None)
@@ -149,6 +158,23 @@ def by_id(id: str) -> AbstractTechnique:
         f"technique must be one of {', '.join(IDS)} (what is a default is not said), "
         f"behind any +{', +'.join(_STAGES)}, got {id!r}.{hint}"
     )
+
+
+@functools.cache
+def _own(file: Path, name: str) -> AbstractTechnique:
+    """Technique of a user's own file, checked."""
+    found = _python_files.load(file, name)
+    if isinstance(found, type) and issubclass(found, AbstractTechnique):
+        found = _python_files.made(file, found, name)
+    if not isinstance(found, AbstractTechnique):
+        raise ValueError(
+            f"{file}:{name} must be a subclass of hj.techniques.AbstractTechnique, or "
+            f"a technique, got {getattr(found, '__name__', type(found).__name__)}."
+        )
+    # No small frame stands for what a scene gives beside colour.
+    laws = check if found.needs == {"color"} else check_contract
+    _python_files.made(file, functools.partial(laws, found), name)
+    return found
 
 
 def _stage(id: str) -> AbstractStage | None:
