@@ -160,7 +160,9 @@ def draw(
     if not against_speed:
         label, marks = "{x:g}", range(0, AGES, 4)
         said = "frames since the sphere uncovered the pixel"
-    drawing.label_ticks(panels.flat[0].xaxis, FixedLocator(marks), label)
+    drawing.label_ticks(
+        panels.flat[0].xaxis, FixedLocator([float(mark) for mark in marks]), label
+    )
     figure.supxlabel(said, fontsize=drawing.NAME)
     figure.supylabel("RMS error, code values", fontsize=drawing.NAME)
     handles, labels = panels.flat[0].get_legend_handles_labels()

@@ -278,12 +278,10 @@ NUMBER = re.compile(r"-?\d[\d.]*(?:e-?\d+)?")
 @pytest.mark.parametrize("name", PRINTED)
 def test_examples_print_what_they_say(name):
     text = (EXAMPLES / name).read_text(encoding="utf-8")
-    if name == "on_a_cluster.py" and "executor" not in hj.Study.run.__annotations__:
-        pytest.skip("studies take no executor")
     about = text.split('"""')[1]
-    command, told = re.search(
-        r"\n    (python .*)\n\nprinted\n\n((?:    .*\n)+)", about
-    ).groups()
+    found = re.search(r"\n    (python .*)\n\nprinted\n\n((?:    .*\n)+)", about)
+    assert found is not None
+    command, told = found.groups()
     assert command == f"python examples/{name}"
     printed = _run(name, *PRINTED[name])
     form = lambda output: NUMBER.sub("0", " ".join(output.split()))

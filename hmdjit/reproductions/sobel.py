@@ -206,13 +206,13 @@ def run(
     rng = np.random.default_rng([seed, sessions])
     aside = np.radians(rng.uniform(-_MOST_DEG, _MOST_DEG, (sessions, 3)))
     makers, errors, pictures = experiments(), {}, {}
+    total = len(makers) * sessions
     for number, (name, make) in enumerate(makers.items()):
         source, roll = make(), np.radians(_ROLL_DEG) * (name == "inclined pipe")
         offsets = (aside * [1, 1, 0] + [0, 0, roll]).astype(np.float32)
         scores = []
         for n, offset in enumerate(offsets):
-            done = number * sessions + n
-            progress(Progress(done, len(makers) * sessions, name, unit="sessions"))
+            progress(Progress(number * sessions + n, total, name, unit="sessions"))
             parts = (
                 name,
                 source,
@@ -228,7 +228,7 @@ def run(
             scores.append(judged.scored(codes))
             pictures.setdefault(name, codes[-1] / 255)
         errors[name] = judged.Errors(*np.moveaxis(np.array(scores), 0, -1))
-    progress(Progress(done, len(makers) * sessions, "timing", unit="sessions"))
+    progress(Progress(total, total, "timing", unit="sessions"))
     return Found(
         title=TITLE,
         about=_about(camera, sessions),
