@@ -11,6 +11,7 @@ import numpy as np
 import PIL.Image
 import pytest
 import small
+import xarray
 from pages import Page, checked
 
 import hmdjit as hj
@@ -19,7 +20,10 @@ from hmdjit.cli import kept
 from hmdjit.cli import main as cli
 from hmdjit.cli.definition import build, read_toml
 from hmdjit.cli.options import Options
+from hmdjit.estimates.summary import summarize
+from hmdjit.figures import displayed as figures
 from hmdjit.figures import drawing
+from hmdjit.figures.techniques import Compared
 from hmdjit.pages import displayed, markup
 from hmdjit.pages import study as pages
 from hmdjit.reports.tables import WORDS, table
@@ -66,7 +70,7 @@ def test_the_viewer_has_the_frames_without_loss(found, monkeypatch):
     monkeypatch.setattr(displayed, "FRAMES", 8)
     study, folder, _ = found
     clips = checked(folder / "report.html").clips
-    shown = displayed.displayed(study, 3, HOSTILE, ["none", "head_movement"])
+    shown = displayed.displayed(study, 3, HOSTILE, ["none", "head_movement"], 6)
     assert (clips["frames"], clips["width"], clips["height"]) == (8, 64, 64)
     for name, clip in shown.clips.items():
         uri = clips["sprites"][clips["names"][name]]
@@ -78,8 +82,10 @@ def test_the_viewer_has_the_frames_without_loss(found, monkeypatch):
 def test_displayed_frames_flicker_as_a_simulated_session_does(monkeypatch):
     monkeypatch.setattr(displayed, "FRAMES", 8)
     study = small.study()
-    shown = displayed.displayed(study, 3, "noise", ["none", "head_movement"])
+    shown = displayed.displayed(study, 3, "noise", ["none", "head_movement"], 12)
     drawn = sessions_of(small.study(frames=8), 3)(256).batch(0, 256).motion
+    assert shown.motion.offset.shape[0] == 12  # the study's own, and no others
+    np.testing.assert_array_equal(shown.motion.offset, drawn.offset[:12])
     offset = drawn.offset[shown.session]
     poses = jax.vmap(quaternion.exp)(jnp.asarray(offset))
     texture = hj.scenes.bake(small.NOISE, study.camera, oversampling=1, margin_deg=4.0)
@@ -92,12 +98,20 @@ def test_displayed_frames_flicker_as_a_simulated_session_does(monkeypatch):
         np.testing.assert_allclose(flicker.mean(), result.mtcd, rtol=2e-3)
 
 
-def test_a_spectrum_holds_the_power_where_it_is():
+@pytest.mark.parametrize(("at_hz", "power"), [(10, 3.0**2 / 2), (32, 3.0**2)])
+def test_a_spectrum_holds_the_power_where_it_is(at_hz, power):
     time_s = np.arange(64) / 64
-    wave = 3.0 * np.sin(2 * np.pi * 10 * time_s)
+    wave = 3.0 * np.cos(2 * np.pi * at_hz * time_s)  # at most from frame to frame
     hz, density = displayed.spectrum(wave, 64.0)
-    assert hz[np.argmax(density)] == 10
-    np.testing.assert_allclose(density.sum() * hz[0], 3.0**2 / 2, rtol=1e-6)
+    assert hz[np.argmax(density)] == at_hz
+    np.testing.assert_allclose(density.sum() * hz[0], power, rtol=1e-6)
+
+
+@pytest.mark.parametrize("side", [8, 12, 16])
+def test_octaves_have_as_many_names_as_changes(side):
+    clip = np.zeros((3, side, side, 3))
+    edges, change = displayed.change_by_octave(clip, 10.0)
+    assert len(figures.band_names(edges)) == len(change)
 
 
 def test_changes_lie_in_the_octave_of_their_grating():
@@ -127,6 +141,37 @@ def test_what_cannot_be_simulated_is_said(found, tmp_path, monkeypatch, study, r
     assert not [a for a, _ in page.of("div") if a.get("class") == "viewer"]
     with pytest.raises(ValueError, match="scene must be one of"):
         pages.write_page(dataset, tmp_path, study, scene="lost")
+
+
+def test_a_failure_to_simulate_costs_no_report(found, tmp_path, monkeypatch):
+    def fails(*_):
+        raise RuntimeError("out of memory")
+
+    monkeypatch.setattr(drawing, "DPI", 30)
+    monkeypatch.setattr(drawing, "save_both", lambda f, path: [drawing.save(f, path)])
+    monkeypatch.setattr(pages, "simulated", fails)
+    study, _, dataset = found
+    pages.write_page(dataset, tmp_path, study)
+    page = checked(tmp_path / "report.html")
+    assert "are left out: RuntimeError: out of memory." in page.said
+    assert (tmp_path / "summary.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("better", "said"),
+    [("less", "low leaves 0.5 of it, the least"), ("more", "high has 0.8 of it, the")],
+)
+def test_the_answer_is_the_best_whichever_way_a_metric_goes(better, said):
+    values = np.array([1.0, 0.5, 0.8])[:, None, None] * np.ones((3, 1, 4))
+    dataset = xarray.Dataset(
+        {"ssim": (("technique", "scene", "session"), values, {"better": better})},
+        {"technique": ["none", "low", "high"], "scene": ["a"], "session": range(4)},
+        {"baseline": "none", "metrics": ["ssim"]},
+    )
+    compared = Compared(dataset, summarize(dataset))
+    answer = " ".join(pages._answer(dataset, compared, pages._best(compared)))
+    assert said in answer
+    assert "etail loss" not in answer
 
 
 def test_a_viewer_keeps_as_many_frames_as_fit(monkeypatch):

@@ -21,7 +21,8 @@ class Compared:
     """The techniques of a study: `mtcd` by technique, scene and session; rows by cell.
 
     `style` holds colour, dashes and marker; the baseline's is black. `mtcd` is the
-    headline, whatever metric that is; `headline` and `unit` are its words.
+    headline, whatever metric that is; `headline` and `unit` are its words, and
+    `more_is_better` says which way it is read.
     """
 
     def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
@@ -33,7 +34,8 @@ class Compared:
         if not self.is_flicker:
             self.unit = str(about.get("units", "unknown units"))
         words = [] if self.unit == "1" else [self.unit]
-        words += ["more is better"] * (about.get("better") == "more")
+        self.more_is_better = about.get("better") == "more"
+        words += ["more is better"] * self.more_is_better
         self.unit = ", ".join(words)
         order = ("technique", "scene", "session")
         self.mtcd = dataset[self.metrics[0]].transpose(*order).values.astype(float)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy import signal
 
 from .. import camera as pinhole
 from ..camera import Camera, Region
@@ -47,13 +48,18 @@ class Displayed:
 
 
 def displayed(
-    study: StudyDefinition, seed: int, scene: str, techniques: list[str]
+    study: StudyDefinition,
+    seed: int,
+    scene: str,
+    techniques: list[str],
+    sessions: int,
 ) -> Displayed:
     """Simulate one session of a study: of its first 256, the one of median turns.
 
     It is drawn as the study's are, but is longer.
 
-    **Arguments:** `techniques`: ids of those that are shown.
+    **Arguments:** `techniques`: ids of those that are shown; `sessions`: how many the
+    study has.
 
     **Errors:** `ValueError` where recorded heads have no window, or one that leaves
     what a scene covers.
@@ -61,12 +67,13 @@ def displayed(
     camera, chosen = study.display, study.scenes[scene]
     is_solid = isinstance(chosen, AbstractSource)
     longer = dataclasses.replace(study, frames=max(FRAMES, study.frames))
+    count = min(_SESSIONS, sessions)
     try:
-        sessions = drawing(longer, seed, is_solid=is_solid)(_SESSIONS)
+        drawn = drawing(longer, seed, is_solid=is_solid)(count)
     except ValueError:  # no recording is as long
         longer = study
-        sessions = drawing(longer, seed, is_solid=is_solid)(_SESSIONS)
-    motion = sessions.batch(0, min(_SESSIONS, sessions.count)).motion
+        drawn = drawing(longer, seed, is_solid=is_solid)(count)
+    motion = drawn.batch(0, count).motion
     turns = np.mean(np.sum(np.square(motion.increment), axis=-1), axis=-1)
     session = int(np.argsort(turns)[len(turns) // 2])
     kinds = {t.id: t if is_solid else t.on_pictures() for t in study.techniques}
@@ -139,13 +146,10 @@ def spectrum(
 
     **Returns:** frequencies above 0, Hz, and the density per Hz.
     """
-    count = len(values)
-    window = np.hanning(count + 1)[:-1]
-    window = window / np.sqrt(np.mean(window**2))
-    shape = (-1,) + (1,) * (values.ndim - 1)
-    parts = np.fft.rfft((values - values.mean(axis=0)) * window.reshape(shape), axis=0)
-    density = 2 * np.abs(parts) ** 2 / (count * rate_hz)
-    return np.fft.rfftfreq(count, 1 / rate_hz)[1:], density[1:]
+    hz, density = signal.periodogram(
+        values, rate_hz, window="hann", detrend="constant", axis=0
+    )
+    return hz[1:], density[1:]
 
 
 def temporal_spectrum(
@@ -175,7 +179,7 @@ def change_by_octave(
     power = (np.abs(parts) ** 2).sum(axis=-1).mean(axis=0)
     y, x = (np.fft.fftfreq(side) for side in sides)
     per_px = np.hypot(y[:, None], x)
-    octaves = max(1, int(np.log2(min(sides))) - 2)
+    octaves = max(2, int(np.log2(min(sides))) - 2)
     edges = 0.5 / 2.0 ** np.arange(octaves, -1, -1)
     edges[0] = 0.0
     place = np.clip(np.searchsorted(edges, per_px, "right") - 1, 0, octaves - 1)

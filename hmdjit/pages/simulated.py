@@ -44,7 +44,7 @@ def sections(
     """
     ids = list(dict.fromkeys([*pair, *compared.techniques]))[:_MOST]
     ids = [id for id in compared.techniques if id in ids]
-    shown = displayed(study, seed, scene, ids)
+    shown = displayed(study, seed, scene, ids, compared.mtcd.shape[-1])
     some = next(iter(shown.clips.values()))
     footer = (
         f"Session {shown.session} of {len(shown.motion.offset)}, the one of median "

@@ -87,8 +87,11 @@ def write_page(
         pair = compared.baseline, best or compared.techniques[-1]
         try:
             sections |= simulated(study, seed, scene, compared, pair, keep)
-        except ValueError as error:
-            study, reason = None, str(error).rstrip(".")
+        # No fault of a scene or technique of one's own costs a study its report.
+        except Exception as error:
+            is_plain = isinstance(error, ValueError)
+            kind = "" if is_plain else f"{type(error).__name__}: "
+            study, reason = None, f"{kind}{error}".rstrip(".")
     if study is None:
         words = "Flicker maps, the viewer, spectra and heads are left out: "
         sections["Displayed frames"] = [markup.paragraph(f"{words}{reason}.")]
@@ -118,7 +121,7 @@ def _others(dataset: "xarray.Dataset", study: StudyDefinition) -> list[str]:
 
 
 def _best(compared: Compared) -> str | None:
-    """Name the technique that leaves least, of those that show that a head moves."""
+    """Name the technique of the best ratio, of those that show that a head moves."""
     pooled = {t: compared.rows[t, POOLED] for t in compared.others}
     ratios = {t: row.ratio for t, row in pooled.items() if row.mean > 0}
     known = {
@@ -126,7 +129,8 @@ def _best(compared: Compared) -> str | None:
         for t, ratio in ratios.items()
         if t != compared.reference and math.isfinite(ratio)
     }
-    return min(known, key=lambda t: known[t]) if known else None
+    sign = -1 if compared.more_is_better else 1
+    return min(known, key=lambda t: sign * known[t]) if known else None
 
 
 def _question(dataset: "xarray.Dataset", compared: Compared) -> str:
@@ -157,20 +161,23 @@ def _answer(
         return
     row = compared.rows[best, POOLED]
     ratio = _bounded(row.ratio, row.ratio_low, row.ratio_high)
-    least = "the least of those compared that neither freeze the picture nor are the "
-    told = f"{least}reference"
+    most, has = ("most", "has") if compared.more_is_better else ("least", "leaves")
+    but = "but the reference"
+    if compared.is_flicker:
+        but = "that neither freeze the picture nor are the reference"
+    told = f"the {most} of those compared {but}"
     if row.ratio_low <= 1 <= row.ratio_high and row.ratio_low < row.ratio_high:
         told += "; the interval holds 1, so no difference is shown"
-    yield f"{best} leaves {ratio} of it, {told}."
+    yield f"{best} {has} {ratio} of it, {told}."
     loss, before = (r.others.get("detail_loss") for r in (row, base))
-    if loss is None or before is None:
-        yield "Detail loss was not measured: read the ratio with care, for a frozen "
-        yield "picture has none of either."
-    else:
+    if loss is not None and before is not None:
         yield (
             f"Its detail loss is {_bounded(*_mean(loss))} code values², "
             f"{compared.baseline}'s {_bounded(*_mean(before))}."
         )
+    elif compared.is_flicker:
+        yield "Detail loss was not measured: read the ratio with care, for a frozen "
+        yield "picture has none of either."
 
 
 def _mean(one: Any) -> tuple[float, float, float]:
