@@ -218,10 +218,14 @@ def test_a_definition_is_kept_and_read_again(tmp_path, monkeypatch):
     assert kept.kept(tmp_path) is None
 
 
-@pytest.mark.parametrize("content", [None, b"no NetCDF"])
+@pytest.mark.parametrize("content", [None, b"no NetCDF", {}, {"metrics": ["mtcd"]}])
 def test_a_folder_without_a_result_is_refused_in_one_line(content, tmp_path, capsys):
-    if content is not None:
+    if isinstance(content, bytes):
         (tmp_path / "result.nc").write_bytes(content)
+    elif content is not None:
+        mtcd = {"mtcd": (("technique", "session"), np.ones((1, 4)))}
+        other = xarray.Dataset(mtcd, attrs={"baseline": "none"} | content)
+        other.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
     assert cli.run(["report", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "result" in line

@@ -9,6 +9,7 @@ import tyro
 
 from .._files import check_can_write
 from ..pages import study as pages
+from ..studies.identity import metric_ids
 from .kept import kept, repeated
 from .options import OK, shown
 
@@ -44,6 +45,7 @@ class ReportCommand:
             with xarray.open_dataset(result, engine="h5netcdf") as file:
                 dataset = file.load()
             dataset.attrs["baseline"]
+            dataset[metric_ids(dataset)].transpose("technique", "scene", "session")
         except (OSError, KeyError, ValueError) as error:
             raise ValueError(f"{result}: must be a study's result ({error}).") from None
         study, reason = None, pages.UNKNOWN

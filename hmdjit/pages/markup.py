@@ -185,7 +185,8 @@ def viewer(
 
 def _side(k: int, names: Sequence[str], chosen: str) -> str:
     options = "".join(
-        f"<option{' selected' * (name == chosen)}>{escape(name)}</option>"
+        f'<option value="{escape(name)}"{" selected" * (name == chosen)}>'
+        f"{escape(name)}</option>"
         for name in names
     )
     where = ("left", "right")[k]
