@@ -1,6 +1,7 @@
 import base64
 import io
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -24,6 +25,7 @@ from hmdjit.estimates.summary import summarize
 from hmdjit.figures import displayed as figures
 from hmdjit.figures import drawing
 from hmdjit.figures.techniques import Compared
+from hmdjit.pages import apply as applied
 from hmdjit.pages import displayed, markup
 from hmdjit.pages import study as pages
 from hmdjit.reports.tables import WORDS, table
@@ -251,6 +253,12 @@ def test_apply_writes_a_page_and_a_clip(tmp_path, monkeypatch):
     with PIL.Image.open(tmp_path / "out/before_after.webp") as clip:
         assert clip.size == (2 * small.WIDTH, small.HEIGHT)
         assert getattr(clip, "n_frames") == small.FRAMES - 2  # noqa: B009
+
+
+def test_frames_that_do_not_flicker_have_no_ratio():
+    rows = {"frames": {"mtcd": 0.0}, "karis": {"mtcd": 0.0, "mtcd_ratio": math.nan}}
+    said = " ".join(applied._answer(rows, "frames", ["karis"]))
+    assert said == "MTCD 0 before: no flicker to remove."
 
 
 # Virtual time, in which a page without a screen is read, gives no frames to animate.

@@ -145,6 +145,8 @@ def _answer(
         yield (
             f"{name} takes MTCD from {rows[before]['mtcd']:.3g} to {row['mtcd']:.3g} "
             f"code values, {row['mtcd_ratio']:.3g} of what the frames have."
+            if rows[before]["mtcd"] > 0
+            else "MTCD 0 before: no flicker to remove."
         )
 
 
