@@ -118,3 +118,11 @@ def test_time_that_is_added_is_a_share_of_the_frame():
     share = kim.cost_share(repeats=2)
     assert np.isfinite([share.value, share.low, share.high]).all()
     assert -0.9 < share.value < 3
+
+
+@pytest.mark.slow
+def test_figure_4_shows_all_of_a_small_frame(monkeypatch):
+    monkeypatch.setattr(kim, "_SHOWN_PX", 40)
+    camera = hj.Camera(24, 24, fov_deg=3.0, refresh_hz=60.0)
+    pair = kim.two_frames(camera, 0)
+    assert {frames.shape for frames in pair.values()} == {(2, 24, 24, 3)}

@@ -162,7 +162,8 @@ def two_frames(camera: Camera, seed: int) -> dict[str, Float[np.ndarray, "2 h w 
         return jnp.moveaxis(color, 0, -1)
 
     frames = jax.lax.map(seen, Motion.of(poses))
-    left, top = ((s - _SHOWN_PX) // 2 for s in (camera.width_px, camera.height_px))
+    sides = camera.width_px, camera.height_px
+    left, top = (max(0, s - _SHOWN_PX) // 2 for s in sides)
     part = (slice(-2, None), slice(top, top + _SHOWN_PX), slice(left, left + _SHOWN_PX))
     return {
         NAMES[technique.id]: np.asarray(
