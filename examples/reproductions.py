@@ -3,7 +3,7 @@
 Runs `hmdjit reproduce PAPER --quick` of each paper with each seed, and lays out the
 verdicts side by side. Fills `reproductions.md`, with the first seed's figures beside
 it. What is interrupted goes on when the same command is run again: finished batches
-are kept in a folder.
+are kept in a folder. Fills the README's table of verdicts too.
 
     python examples/reproductions.py --seeds 0 1 2
 """
@@ -19,6 +19,9 @@ import pages
 
 from hmdjit.cli.main import run
 from hmdjit.cli.reproduce import PAPERS
+from hmdjit.reproductions.claims import FAILS, HOLDS, UNTOLD
+
+README = Path(__file__).parents[1] / "README.md"
 
 Row = Mapping[str, str]
 Rows = Mapping[str, Sequence[Sequence[Row]]]
@@ -61,6 +64,43 @@ def verdicts(found: Rows) -> str:
     return pages.table(("paper", "it says", "ours [95 %]", "verdict"), lines)
 
 
+def overview(found: Rows) -> str:
+    """Lay out the papers' own questions by verdict, a line for each paper.
+
+    A question asked of several scenes says of how many of them.
+    """
+    lines = []
+    for paper, claims in found.items():
+        asked: dict[str, list[Sequence[Row]]] = {}
+        for rows in claims:
+            own = asked.setdefault(rows[0]["claim"], [])
+            if not own or _kind(rows) == _kind(own[0]):
+                own.append(rows)
+        cells: dict[str, list[str]] = {HOLDS: [], FAILS: [], UNTOLD: []}
+        for claim, several in asked.items():
+            said = Counter(one_verdict(rows) for rows in several)
+            for verdict, count in said.items():
+                values = measured(several[0][0])
+                many = f"{count} of {len(several)}"
+                cells[verdict].append(
+                    f"{claim} ({values if len(several) == 1 else many})"
+                )
+        lines.append((paper, *("; ".join(cell) or "-" for cell in cells.values())))
+    verdicts = (f"*{verdict}*" for verdict in (HOLDS, FAILS, UNTOLD))
+    return pages.table(("paper", *verdicts), lines)
+
+
+def _kind(rows: Sequence[Row]) -> str:
+    """Return what a claim was measured by, whatever the scene."""
+    return rows[0]["measure"].rpartition(", ")[2]
+
+
+def one_verdict(rows: Sequence[Row]) -> str:
+    """Return the verdict on which all seeds agree; else it cannot be told."""
+    said = {row["verdict"] for row in rows}
+    return said.pop() if len(said) == 1 else UNTOLD
+
+
 def measures(found: Rows) -> str:
     """Lay out each claim by each measure, with all seeds."""
     lines = [
@@ -87,6 +127,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--keep", type=Path, default=Path("reproductions"))
     parser.add_argument("--sessions", help="how many, instead of those of --quick")
+    parser.add_argument("--readme", type=Path, default=README, help="also filled")
     parser.add_argument("--side", help="of the square frame, px")
     options = parser.parse_args()
     how = ["--sessions", options.sessions] if options.sessions else ["--quick"]
@@ -105,6 +146,9 @@ def main() -> None:
                 shutil.copy(figure, options.out.parent / name)
     blocks = {"verdicts": verdicts(found), "measures": measures(found)}
     pages.write(__file__, blocks, options.out)
+    text = options.readme.read_text(encoding="utf-8")
+    text = pages.filled(text, {"verdicts": overview(found)}, some=True)
+    options.readme.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

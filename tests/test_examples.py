@@ -51,6 +51,7 @@ PAGES = {
     ),
     "reproductions": (
         *("--papers", "colour-space", "--sessions", "2", "--side", "24"),
+        *("--readme", "{readme}"),
         *("--keep", "{keep}"),
     ),
     "sensitivities": ("--scenes", "noise", "--sessions", "4"),
@@ -172,6 +173,8 @@ def test_verdicts_of_several_seeds_stand_in_one_row(pages):
     )
     rows = reproductions.measures(found).splitlines()
     assert len(rows) == 2 + 2
+    *_, row = reproductions.overview(found).splitlines()
+    assert row == "| paper | - | - | it flickers less (0.6 [0.5, 0.7]) |"
     assert "| SSIM | ratio | " + "; ".join(3 * ["0.6 [0.5, 0.7]"]) in rows[-1]
     assert rows[-1].endswith("| holds (3 of 3 seeds) |")
 
