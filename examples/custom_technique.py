@@ -34,7 +34,7 @@ class MyTAA(hj.techniques.AbstractTechnique):
     """
 
     alpha: float = 0.2
-    id = "my_taa"
+    id = "my_taa"  # pyright: ignore
     version = 1  # changed with all of this, so that studies keep finished batches
 
     def init(self, frame: hj.Frame) -> History:

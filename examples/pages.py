@@ -41,6 +41,7 @@ OF_THE_MODEL = (
     "fitted_curves",
     "ghosting",
     "heads",
+    "reproductions",
     "sensitivities",
     "static_edges",
 )
@@ -76,15 +77,21 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def filled(page: str, blocks: Mapping[str, str]) -> str:
-    """Replace the blocks of a page.
+def filled(page: str, blocks: Mapping[str, str], *, some: bool = False) -> str:
+    """Replace the blocks of a page, or `some` of them.
 
     **Errors:** `ValueError` unless the blocks are those that the page has.
     """
-    names = [found[1] for found in _BLOCK.finditer(page)]
-    if sorted(names) != sorted(blocks):
-        raise ValueError(f"blocks must be {names}, got {list(blocks)}.")
-    fill = lambda found: f"<!-- {found[1]} -->\n\n{blocks[found[1]]}\n\n<!-- end -->"
+    names = {found[1] for found in _BLOCK.finditer(page)}
+    if not names >= set(blocks) or (names != set(blocks) and not some):
+        raise ValueError(f"blocks must be {sorted(names)}, got {list(blocks)}.")
+
+    def fill(found: re.Match) -> str:
+        name = found[1]
+        if name not in blocks:
+            return found[0]
+        return f"<!-- {name} -->\n\n{blocks[name]}\n\n<!-- end -->"
+
     return _BLOCK.sub(fill, page)
 
 

@@ -30,7 +30,8 @@ TEMPORAL = tuple(
     for id in hj.techniques.IDS
     if isinstance(hj.techniques.by_id(id), AbstractTemporal)
 )
-NOT_IN_README = ("fxaa", "smaa_ultra", "head_movement+smaa")  # it has no room
+NOT_IN_README = ("fxaa", "mlaa", "smaa_ultra", "head_movement+smaa", "inside_ycocg")
+NOT_IN_README += ("ssaa2_gamma", "ssaa2_lanczos2")  # it has no room
 BEST = 3
 
 
@@ -94,7 +95,8 @@ def main() -> None:
     scope = f"{len(options.scenes)} scenes, {options.sessions} sessions:"
     pages.write(__file__, {"scope": scope, "techniques": table}, options.out)
     text = options.readme.read_text(encoding="utf-8")
-    options.readme.write_text(pages.filled(text, {"techniques": less}), "utf-8")
+    text = pages.filled(text, {"techniques": less}, some=True)
+    options.readme.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

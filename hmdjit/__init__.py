@@ -43,3 +43,4 @@ from .simulation.apply import apply as apply
 from .simulation.session import Result as Result
 from .simulation.simulate import simulate as simulate
 from .studies.study import Study as Study
+from .sweep.sweep import Sweep as Sweep

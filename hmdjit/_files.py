@@ -4,30 +4,75 @@ import contextlib
 import csv
 import dataclasses
 import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 
 @contextlib.contextmanager
-def written_atomically(path: str | os.PathLike) -> Iterator[Path]:
-    """Give a path to write to, which replaces `path` only once all is written.
+def written_atomically(
+    path: str | os.PathLike, *, makes_folder: bool = True
+) -> Iterator[Path]:
+    """Give a path to write to, which replaces `path` only once all is on the disk.
 
     **Errors:** `OSError` that names `path`, as on a full disk.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if makes_folder:
+        path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield unfinished
+        if unfinished.is_file():
+            with open(unfinished, "rb+") as file:
+                os.fsync(file.fileno())
         os.replace(unfinished, path)
+        _sync_folder(path.parent)
     except OSError as error:
         if error.filename not in (None, str(unfinished), unfinished):
             raise  # of another file, read in between
         reason = error.strerror or str(error)
         raise OSError(error.errno, reason, str(path)) from error
     finally:
-        unfinished.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # of what is told already
+            unfinished.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have a new name survive a power cut, where a system can do that."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def check_can_write(folder: Path) -> None:
+    """Raise unless files can be made in a folder, or where it is to be."""
+    existing = next(place for place in (folder, *folder.parents) if place.exists())
+    refused = f"out must be where files can be made, got {folder}: {existing}"
+    if not existing.is_dir():
+        raise ValueError(f"{refused} is a file.")
+    try:
+        # Permissions do not tell: some folders refuse everyone, and root has them all.
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise ValueError(f"{refused} refuses them ({error.strerror}).") from None
+
+
+def files_beside(out: Path, suffix: str, *endings: str) -> list[Path]:
+    """Name files beside `out`, by endings of its stem, once all of them can be made."""
+    if out.suffix.lower() != suffix:
+        raise ValueError(f"out must end in {suffix}, got {out}.")
+    files = [out.with_name(out.stem + ending) for ending in endings]
+    for file in (out, *files):
+        if file.is_dir():
+            raise ValueError(f"out must be a file, but {file} is a folder.")
+    check_can_write(out.parent)
+    return files
 
 
 def write_csv(path: str | os.PathLike, rows: Sequence[Any]) -> Path:

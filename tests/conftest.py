@@ -22,11 +22,14 @@ settings.load_profile("hmdjit")
 
 CACHE = "JAX_COMPILATION_CACHE_DIR"
 CACHED = {  # by environment, for workers and for the commands that tests run
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": 0.05,
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": 0.0,
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": -1,
 }
 
-QUICKLY = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
+QUICKLY = (
+    "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 "
+    "--xla_cpu_parallel_codegen_split_count=1"
+)
 
 
 MOST_BYTES = 2**30
@@ -65,10 +68,15 @@ def pytest_configure(config):
         os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 
-def pytest_collection_finish():
+def pytest_collection():
     """What is imported stays: no need to look for garbage in it again and again."""
-    gc.collect()
+    gc.disable()
+
+
+def pytest_collection_finish():
     gc.freeze()
+    gc.enable()
+    gc.set_threshold(20_000, 20, 20)  # tracing makes and drops many small objects
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,3 +1,5 @@
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -5,7 +7,7 @@ from small import CAMERA, FRAMES, SIZE, STILL, path
 
 import hmdjit as hj
 from hmdjit.simulation import apply as clips
-from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing
+from hmdjit.techniques import SSAA, Freeze, HeadMovement, NoAntialiasing, by_id
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,16 @@ def test_a_stream_without_poses_knows_what_needs_them(rng):
     np.testing.assert_array_equal(np.stack(shown), np.stack([frames[0]] * FRAMES))
     with pytest.raises(ValueError, match=r"^head_movement needs poses, got none\.$"):
         next(clips.stream(HeadMovement(), CAMERA, iter(frames), None))
+
+
+def test_a_mask_that_is_not_read_is_refused():
+    frames, mask = np.zeros((FRAMES, *SIZE)), np.ones((FRAMES, *SIZE[:2]), bool)
+    for technique in (Freeze(), by_id("freeze+sharpen"), by_id("inside")):
+        message = f"^{re.escape(technique.id)} reads no static_mask: leave it out.$"
+        with pytest.raises(ValueError, match=message):
+            hj.apply(technique, CAMERA, frames, STILL, static_mask=mask)
+    sharpened = by_id("head_movement+sharpen")
+    assert sharpened.reads_static_mask
 
 
 @pytest.mark.parametrize("shape", [(18, 24), (7, 18, 24), (8, 24, 18), (8, 18, 24, 1)])

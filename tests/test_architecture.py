@@ -41,6 +41,7 @@ LINES = [
     ("hmdjit",),  # the names that `import hmdjit` offers
     ("figures",),
     ("reports",),
+    ("pages",),
     ("cli",),
     ("__main__",),
 ]
@@ -84,6 +85,7 @@ FOLDERS = {
         ("neighborhood", "scattering"),
         ("edges",),
         ("*",),
+        ("aliasing",),
     ],  # of what lies around a pixel
     "metrics": [("base",), ("pictures",), ("*",), ("observers", "registry")],
     "technique_contract": [
@@ -114,7 +116,7 @@ FOLDERS = {
         ("sessions",),
         ("definition", "runner"),
         ("identity", "dataset", "sampler", "stage"),
-        ("sequential",),
+        ("sequential", "executors"),
         ("run",),
         ("study",),
     ],
@@ -141,17 +143,19 @@ FOLDERS = {
         ("table",),
     ],
     "reproductions": [
-        ("claims", "color_pairs", "eye", "two_colored", "kept", "played", "timing"),
-        ("color_space_claims", "kim_map", "tidoaa_claims"),
+        ("claims", "eye", "two_colored", "kept", "played", "timing"),
+        ("color_space_claims", "kim_map", "sobel_claims", "tidoaa_claims"),
         ("kim_claims",),
         ("*",),
     ],
+    "sweep": [("dataset",), ("sweep",)],
     "figures": [("drawing",), ("techniques",), ("*",), ("study",)],
     "reports": [("tables",), ("*",)],
+    "pages": [("displayed", "markup"), ("simulated",), ("*",)],
     "cli": [
         ("options", "progress"),
         ("definition", "frame_files"),
-        ("frame_poses", "frame_channels"),
+        ("frame_poses", "frame_channels", "kept"),
         ("*",),
         ("main",),
     ],

@@ -25,7 +25,7 @@ from hmdjit.studies import failures, runner
 SMALL = [
     *("study", "--width", "64", "--height", "64", "--fov", "8", "--tiles", "1"),
     *("--scenes", "noise", "checkerboard", "--sessions", "6", "--frames", "3"),
-    *("--warmup", "1"),
+    *("--warmup", "1", "--no-report"),
 ]
 
 

@@ -83,7 +83,7 @@ def run(tmp_path, capsys, monkeypatch):
 
     def apply(*arguments, fails=False):
         options = () if "--fov" in arguments else ("--fov", FOV)
-        code = cli.run(["apply", *map(str, (*arguments, *options))])
+        code = cli.run(["apply", *map(str, (*arguments, *options)), "--no-report"])
         printed = capsys.readouterr()
         assert code == (2 if fails else 0), printed.err
         assert printed.err.count("\n") == fails

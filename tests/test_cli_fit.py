@@ -191,6 +191,7 @@ def test_a_fit_goes_on_and_a_study_reads_its_curve(tmp_path, capsys, monkeypatch
 
     study = [
         *("study", "--width", "64", "--height", "64", "--fov", "6", "--tiles", "1"),
+        "--no-report",
         *("--scenes", "checkerboard", "--sessions", "6", "--frames", "3"),
         *("--techniques", "none", "head_movement", f"head_movement:{out}"),
         *("--out", str(tmp_path / "study")),

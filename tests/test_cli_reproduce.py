@@ -82,7 +82,8 @@ def test_each_claim_is_written_with_its_verdict_and_a_stopped_run_goes_on(
     [
         (
             ["color-space"],
-            "paper must be one of kim, tidoaa, colour-space, all, got 'color-space'.",
+            "paper must be one of kim, tidoaa, sobel, colour-space, all, got "
+            "'color-space'.",
         ),
         (["colour-space", "--quick", "--sessions", "9"], "--quick and --sessions excl"),
         (["colour-space", "--sessions", "1"], "--sessions must be a whole number >= 2"),

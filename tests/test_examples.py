@@ -44,10 +44,15 @@ PAGES = {
         *("--heads", "fixating", "--rates", "60", "--scenes", "checkerboard"),
         *("--held-out", "none", "--sessions", "16", *SMALL),
     ),
-    "ghosting": ("--side", "16", "--techniques", "none", "karis"),
+    "ghosting": ("--side", "16", "--heads", "2", "--techniques", "karis"),
     "heads": (
         *("--traces", "{traces}", "--presets", "--order", "0"),
         *("--scenes", "noise", "--sessions", "4"),
+    ),
+    "reproductions": (
+        *("--papers", "colour-space", "--sessions", "2", "--side", "24"),
+        *("--readme", "{readme}"),
+        *("--keep", "{keep}"),
     ),
     "sensitivities": ("--scenes", "noise", "--sessions", "4"),
     "speed": ("--json", "{speed}", "--drawn", "2000"),
@@ -116,7 +121,8 @@ def test_every_example_is_run():
     pages = {f"{name}.py" for name in PAGES}
     known = {*PICTURES, *PRINTED, *pages}
     assert scripts == known | {"quasi_random_paths.py", "pages.py", "docs.py"}
-    assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES)
+    texts = {"outgrowing_one_machine"}  # which no script fills
+    assert {page.stem for page in EXAMPLES.glob("*.md")} == set(PAGES) | texts
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -153,12 +159,37 @@ def test_old_pages_and_pictures_are_known(pages, tmp_path):
     assert pages.old(tmp_path) == [*unstamped, "trade_off.md", "trade_off.png"]
 
 
+def test_verdicts_of_several_seeds_stand_in_one_row(pages):
+    reproductions = importlib.import_module("reproductions")
+    known = {"claim": "it flickers less", "measure": "MTCD", "source": "figure 3"}
+    known |= {"quantity": "ratio", "unit": "", "value": "0.6", "low": "0.5"}
+    said = [known | {"high": "0.7", "verdict": v} for v in ("holds", "untold", "holds")]
+    other = [row | {"measure": "SSIM", "verdict": "holds"} for row in said]
+    found = {"paper": [said, other]}
+    *_, row = reproductions.verdicts(found).splitlines()
+    assert row == (
+        "| paper | it flickers less | 0.6 [0.5, 0.7] | "
+        "holds (2 of 3 seeds), untold (1) |"
+    )
+    rows = reproductions.measures(found).splitlines()
+    assert len(rows) == 2 + 2
+    *_, row = reproductions.overview(found).splitlines()
+    assert row == "| paper | - | - | it flickers less (0.6 [0.5, 0.7]) |"
+    assert "| SSIM | ratio | " + "; ".join(3 * ["0.6 [0.5, 0.7]"]) in rows[-1]
+    assert rows[-1].endswith("| holds (3 of 3 seeds) |")
+
+
 def test_the_readmes_pictures_are_of_this_model(pages):
     assert not pages.is_old(EXAMPLES / pages.STUDY)
     assert not pages.is_old(EXAMPLES / pages.SCENES)
 
 
-LONG = {"heads", "fitted_curves", "all_techniques"}  # minutes, in their smallest form
+LONG = {
+    "heads",
+    "fitted_curves",
+    "all_techniques",
+    "reproductions",
+}  # minutes, in their smallest form
 MARKED = [
     pytest.param(n, marks=[pytest.mark.exhaustive if n in LONG else pytest.mark.slow])
     for n in PAGES
@@ -250,12 +281,10 @@ NUMBER = re.compile(r"-?\d[\d.]*(?:e-?\d+)?")
 @pytest.mark.parametrize("name", PRINTED)
 def test_examples_print_what_they_say(name):
     text = (EXAMPLES / name).read_text(encoding="utf-8")
-    if name == "on_a_cluster.py" and "executor" not in hj.Study.run.__annotations__:
-        pytest.skip("studies take no executor")
     about = text.split('"""')[1]
-    command, told = re.search(
-        r"\n    (python .*)\n\nprinted\n\n((?:    .*\n)+)", about
-    ).groups()
+    found = re.search(r"\n    (python .*)\n\nprinted\n\n((?:    .*\n)+)", about)
+    assert found is not None
+    command, told = found.groups()
     assert command == f"python examples/{name}"
     printed = _run(name, *PRINTED[name])
     form = lambda output: NUMBER.sub("0", " ".join(output.split()))

@@ -212,3 +212,55 @@ def test_positions_of_a_log_reach_techniques(
     )
     np.testing.assert_allclose(seen[0], poses, atol=1e-15)
     assert "has positions: the eye moves within" in capsys.readouterr().out
+
+
+# --- where samples lie ---
+
+PLACES = np.random.default_rng(3).uniform(-1, 1, (FRAMES, 2)).round(3)
+
+
+def places_in(file, rows=PLACES, head="x,y"):
+    lines = [",".join(map(str, row)) for row in rows]
+    file.write_text("\n".join([head, *lines, ""]))
+    return file
+
+
+@pytest.mark.parametrize("columns", ["x,y", "y, x"])
+def test_places_of_samples_are_read_by_their_names(frames, tmp_path, columns):
+    rows = PLACES if columns == "x,y" else PLACES[:, ::-1]
+    file = places_in(tmp_path / "jitter.csv", rows, columns)
+    technique, quiet = Shows("color", jitters=True), rich.console.Console(quiet=True)
+    given = ChannelFolders(jitter=file).of_techniques(
+        quiet, [technique], FrameFiles.of(frames), VIEW
+    )
+    np.testing.assert_allclose(given[0]["jitter_px"], PLACES, rtol=1e-6)
+    found = displayed(frames, technique, jitter=file)
+    np.testing.assert_allclose(found[:, 0, 0, 0], PLACES[:, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rows", "head", "message"),
+    [
+        (PLACES[1:], "x,y", "must have a row per frame (8), got 7."),
+        (PLACES, "u,v", "columns must be x, y, got u, v."),
+        ([*PLACES[1:], (0, 1.1)], "x,y", "row 8: y must lie in [-1, 1], got 1.1."),
+        ([(0, "nan"), *PLACES[1:]], "x,y", "row 1: y must lie in [-1, 1], got nan."),
+        ([(0, "a"), *PLACES[1:]], "x,y", "row 1: must be two numbers, got 0,a."),
+        ([(0,), *PLACES[1:]], "x,y", "row 1: must be two numbers, got 0."),
+        ([], "", "columns must be x, y, got ."),
+    ],
+)
+def test_wrong_places_are_told_in_one_line(
+    frames, tmp_path, capsys, rows, head, message
+):
+    file = places_in(tmp_path / "jitter.csv", rows, head)
+    assert cli.run(["apply", "none", str(frames), "--jitter", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert f"{file}: {message}" in error
+    assert error.count("\n") == 1
+
+
+def test_places_that_nobody_reads_or_names_are_said(frames, tmp_path, capsys):
+    file = places_in(tmp_path / "jitter.csv")
+    assert cli.run(["apply", "none", str(frames), "--jitter", str(file)]) == 0
+    assert f"{file} is not used: no technique here reads it." in capsys.readouterr().out

@@ -67,6 +67,10 @@ def test_a_head_of_the_map_moves_as_far_and_as_evenly_as_it_says():
         x = -np.log(max(correlation, 1e-99))
         mean = (1 - np.exp(-x)) ** 2 / (2 * (x - 1 + np.exp(-x)))
         assert later / now == pytest.approx(mean, abs=0.01)
+        camera = hj.Camera(90, 90, 90.0, 60.0)  # 45 px per unit of tangent
+        found = kim_map.motion_of(head, camera, 60.0)
+        px = 45 * np.radians(0.05)
+        assert found == pytest.approx((later / now, px), rel=1e-3)
 
 
 @pytest.fixture
@@ -100,6 +104,8 @@ def test_the_command_writes_claims_figures_and_a_page(tmp_path, capsys):
         rows = list(csv.DictReader(file))
     assert len(rows) == 6
     assert {row["verdict"] for row in rows} <= {HOLDS, FAILS, UNTOLD}
+    assert all(row["source"] for row in rows)
+    assert len(list((tmp_path / "map").glob("*.npy"))) == 4
     page = (tmp_path / "claims.md").read_text()
     for name in ("claims", "figure_4", "map"):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
@@ -112,3 +118,11 @@ def test_time_that_is_added_is_a_share_of_the_frame():
     share = kim.cost_share(repeats=2)
     assert np.isfinite([share.value, share.low, share.high]).all()
     assert -0.9 < share.value < 3
+
+
+@pytest.mark.slow
+def test_figure_4_shows_all_of_a_small_frame(monkeypatch):
+    monkeypatch.setattr(kim, "_SHOWN_PX", 40)
+    camera = hj.Camera(24, 24, fov_deg=3.0, refresh_hz=60.0)
+    pair = kim.two_frames(camera, 0)
+    assert {frames.shape for frames in pair.values()} == {(2, 24, 24, 3)}

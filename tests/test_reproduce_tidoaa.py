@@ -8,16 +8,18 @@ import pytest
 
 import hmdjit as hj
 from hmdjit.cli import main
+from hmdjit.figures import tidoaa as figures
 from hmdjit.reproductions import kept, played, tidoaa, tidoaa_claims
-from hmdjit.reproductions.claims import FAILS, HOLDS, UNTOLD
+from hmdjit.reproductions.claims import FAILS, HOLDS, UNTOLD, Found
 from hmdjit.scenes.solids import Solids
 from hmdjit.techniques import Freeze, NoAntialiasing
 
 
-def errors(ours, spread=0.01, none=100.0):
-    """Twelve sessions of each technique, all by the same heads."""
+def errors(ours, spread=0.01, none=100.0, msaa=0.0):
+    """Twelve sessions of each technique and reference, all by the same heads."""
     noise = 1 + spread * np.random.default_rng(0).standard_normal(12)
-    return np.stack([none * noise, 0.8 * none * noise, ours * noise, ours * noise])
+    each = (none, 0.8 * none, ours, ours, msaa, 0.0)
+    return np.stack([mean * noise for mean in each])
 
 
 def by_speed(**ours):
@@ -35,19 +37,57 @@ def test_one_that_is_worse_at_a_speed_fails_there():
     assert (better, tends, never, comparable) == (FAILS, FAILS, FAILS, HOLDS)
     (worst, *_) = tidoaa_claims.by_speed({1.0: errors(20.0), 12.0: errors(150.0)}, 0)
     assert "not at 12;" in worst.reason
-    assert worst.low < worst.value < worst.high < 0
+    assert worst.low <= worst.value <= worst.high < 0
+
+
+def test_comparable_with_msaa_is_what_removes_half_as_much():
+    for ours, verdict in ((75.0, HOLDS), (85.0, FAILS)):
+        each = {s: errors(ours, msaa=60.0) for s in (1.0, 3.0, 12.0)}
+        assert tidoaa_claims.by_speed(each, 1)[3].verdict == verdict
+    itself = {1.0: errors(60.0, msaa=60.0)}
+    assert tidoaa_claims.by_speed(itself, 1)[3].verdict == HOLDS
+
+
+def test_a_speed_at_which_little_is_to_be_seen_has_a_small_interval():
+    seen = np.where(np.arange(12) < 2, 1.0, 0.0)  # by two sessions
+    empty = errors(1.5, none=1.0) * seen
+    found = tidoaa_claims.by_speed({1.0: errors(20.0), 12.0: empty}, 0)
+    assert [claim.verdict for claim in found] == [UNTOLD, HOLDS, HOLDS, HOLDS]
+    for claim in found:
+        assert -0.01 < claim.low <= claim.value <= claim.high < 1
+        assert claim.source
 
 
 def test_few_sessions_that_differ_tell_nothing():
     rng = np.random.default_rng(1)
-    loose = {1.0: 50 + 45 * rng.standard_normal((4, 4))}
+    loose = {1.0: 50 + 45 * rng.standard_normal((6, 4))}
     assert tidoaa_claims.by_speed(loose, 0)[0].verdict == UNTOLD
+
+
+def test_the_figure_says_what_was_found():
+    each = {speed: errors(60.0 + speed, msaa=50.0) for speed in (0.0, 1.0, 12.0)}
+    found = Found(
+        "made up",
+        "made up.",
+        claims=[],
+        measured=[r for n in (0, 1) for r in tidoaa_claims.measured(each, n)],
+        cases=[],
+        lines=[],
+        tables={},
+    )
+    figure = figures.draw(found)["error_by_speed"]
+    left, right = figure.axes
+    said = "60 to 72 % of no AA's error, MSAA 50 %"
+    assert said in right.get_title(loc="left")
+    assert "MSAA 50 %" not in left.get_title(loc="left")
+    names = right.get_legend_handles_labels()[1]
+    assert names == ["no AA", "INSIDE's TAA", "TIDOAA", "MSAA"]
 
 
 def test_halos_and_trails_are_errors_beyond_those_without():
     assert tidoaa_claims.beside(errors(60.0), 1).verdict == HOLDS
     assert tidoaa_claims.behind(errors(160.0), 1).verdict == FAILS
-    assert tidoaa_claims.on_bars(errors(0.7, none=0.5)).verdict == HOLDS
+    assert tidoaa_claims.on_bars(errors(0.7, none=0.5)[:4]).verdict == HOLDS
     seconds = np.array([[1.0, 3.0, 2.0], [1.1, 3.1, 2.1], [1.0, 3.0, 2.0]])
     assert tidoaa_claims.on_cost(seconds).verdict == HOLDS
 
@@ -102,6 +142,7 @@ def test_a_scene_that_deforms_shows_the_same_in_another_class():
 def test_the_command_writes_its_claims(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(tidoaa, "_QUICK_SPEEDS_DEG", (1.0, 8.0))
     monkeypatch.setattr(tidoaa, "_FRAMES", 2)
+    monkeypatch.setattr(tidoaa, "_WARMUP", 2)
     took = np.array([[1.0, 3.0, 2.0]] * 3)
     monkeypatch.setattr(tidoaa, "times", lambda *arguments: took)
     options = ["--sessions", "2", "--width", "32", "--height", "32"]
@@ -111,4 +152,8 @@ def test_the_command_writes_its_claims(tmp_path, capsys, monkeypatch):
         rows = list(csv.DictReader(file))
     assert len(rows) == 8 + 6
     assert {row["verdict"] for row in rows} <= {HOLDS, FAILS, UNTOLD}
-    assert len(list((tmp_path / "batches").glob("*.npy"))) == 2 + 3
+    assert all(row["source"] for row in rows)
+    assert len(list((tmp_path / "batches").glob("*.npy"))) == 2 + 2
+    page = (tmp_path / "claims.md").read_text()
+    assert "](error_by_speed.png)" in page
+    assert (tmp_path / "error_by_speed.png").stat().st_size > 10_000

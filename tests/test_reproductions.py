@@ -17,7 +17,7 @@ from hmdjit.frames.displacement import Reading
 from hmdjit.frames.motion import Motion
 from hmdjit.frames.sources import View
 from hmdjit.metrics import DetailLoss
-from hmdjit.reproductions import claims, color_pairs, color_space, eye
+from hmdjit.reproductions import claims, color_space, eye, two_colored
 from hmdjit.reproductions import color_space_claims as judged
 from hmdjit.reproductions.claims import FAILS, HOLDS, UNTOLD
 from hmdjit.reproductions.two_colored import TwoColored
@@ -99,7 +99,7 @@ def test_the_pairs_are_those_of_a_search_by_brute_force():
         used = itertools.chain.from_iterable(expected)
         if all(_distance(gamma[a], gamma[b]) >= apart for a in used for b in pair):
             expected.append(pair)
-    found = color_pairs.most_different(3, levels=levels, apart=apart)
+    found = two_colored.most_different(3, levels=levels, apart=apart)
     assert [(pair.first, pair.second) for pair in found] == expected[:3]
     for pair in found:
         both = np.array([pair.first, pair.second]) / 255
@@ -109,7 +109,7 @@ def test_the_pairs_are_those_of_a_search_by_brute_force():
         mix = np.array(pair.linear_mix) / 255
         np.testing.assert_allclose(_decode(mix), light, atol=0.005)
     with pytest.raises(ValueError, match=r"count must lie in \[1, \d+\] for 3 levels"):
-        color_pairs.most_different(len(expected) + 1, levels=levels, apart=apart)
+        two_colored.most_different(len(expected) + 1, levels=levels, apart=apart)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_the_pairs_are_those_of_a_search_by_brute_force():
 )
 def test_the_search_refuses_what_makes_no_sense(options, message):
     with pytest.raises(ValueError, match=message):
-        color_pairs.most_different(**options)
+        two_colored.most_different(**options)
 
 
 # --- two colours ---
@@ -258,6 +258,7 @@ def test_the_paper_s_claims_are_judged(means, extra, spread, expected, order):
     for claim in found:
         assert claim.low <= claim.value <= claim.high
         assert claim.unit == "code values^2"
+        assert claim.source
     if order:
         assert judged.order(measure, values) == order
     rows = judged.measured(measure, values)

@@ -238,6 +238,44 @@ def test_settings_of_jax_that_move_numbers_are_of_the_key(tmp_path, simulated):
     assert simulated == [["none"]] * 4
 
 
+def _sizes(folder):
+    """First session and number of them of each kept batch."""
+    names = [path.stem.split("-") for path in folder.glob("batches/*.npz")]
+    return sorted((int(name[-3]), int(name[-2])) for name in names)
+
+
+def test_more_sessions_run_the_new_ones_only(tmp_path, plain):
+    once = {"scenes": {"noise": small.NOISE}}
+    for count, size in ((5, 256), (7, 3), (12, 4)):
+        data = _plain(sessions=count, **once).run(5, out=tmp_path, batch_size=size)
+        expected = plain.sel(scene=["noise"]).isel(session=slice(count))
+        xarray.testing.assert_identical(data.drop_attrs(), expected.drop_attrs())
+    assert _sizes(tmp_path) == [(0, 5), (5, 2), (7, 4), (11, 1)]
+
+
+def test_a_technique_that_joins_later_lacks_what_it_lacks(tmp_path, simulated):
+    more = [hj.techniques.NoAntialiasing(), hj.techniques.Freeze()]
+    small.study(techniques=more, sessions=5).run(out=tmp_path, batch_size=3)
+    more += [hj.techniques.HeadMovement()]
+    small.study(techniques=more, sessions=8).run(out=tmp_path, batch_size=4)
+    new = [["head_movement"], ["head_movement"], ["none", "freeze", "head_movement"]]
+    assert simulated == [["none", "freeze"]] * 2 + new
+    assert _sizes(tmp_path) == [(0, 3), (0, 4), (3, 2), (4, 1), (5, 3)]
+
+
+def test_damaged_batches_are_told_and_run_again(tmp_path, plain):
+    _plain().run(5, out=tmp_path, batch_size=5)
+    result, events = (tmp_path / "result.nc").read_bytes(), []
+    cut, altered, *_ = sorted(tmp_path.glob("batches/noise*.npz"))
+    cut.write_bytes(cut.read_bytes()[:-1])
+    altered.write_bytes(altered.read_bytes().replace(b"mtcd", b"MTCD"))
+    _plain().run(5, out=tmp_path, batch_size=5, progress=events.append)
+    lines = [event.line for event in events if event.line]
+    assert lines == [f"Damaged, and run again: {path}" for path in (cut, altered)]
+    assert events[-1].fresh == 5 + 2
+    assert (tmp_path / "result.nc").read_bytes() == result
+
+
 @pytest.mark.parametrize(
     ("changes", "seed", "message"),
     [
@@ -258,6 +296,11 @@ def test_another_study_s_result_is_not_replaced(
     _plain(sessions=4).run(out=tmp_path)
     before = (tmp_path / "result.nc").read_bytes()
     other = _plain(**{"sessions": 4} | changes)
+    if changes != {"sessions": 3}:  # of which batches alone lose nothing
+        (tmp_path / "result.nc").unlink()
+        with pytest.raises(ValueError, match=f"batches of another.*{message}"):
+            other.run(seed, out=tmp_path)
+        (tmp_path / "result.nc").write_bytes(before)
     with pytest.raises(ValueError, match=message) as stop:
         other.run(seed, out=tmp_path)
     assert "name another folder, or replace it with overwrite=True" in str(stop.value)

@@ -169,7 +169,7 @@ def test_what_a_budget_allowed_is_repeated(untyped, monkeypatch):
 
 
 COMMAND = [
-    *("study", "--seed", "3", "--scenes", "noise"),
+    *("study", "--no-report", "--seed", "3", "--scenes", "noise"),
     *("--techniques", "none", "head_movement", "--width", "64", "--height", "64"),
     *("--fov", "8", "--frames", "4", "--warmup", "3", "--oversampling", "1"),
     *("--margin", "4"),

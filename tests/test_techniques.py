@@ -44,7 +44,9 @@ def applied(technique, frames, poses, camera=CAMERA, static_mask: Any = True):
         return jnp.asarray(np.concatenate([clip, np.repeat(clip[-1:], more, axis=0)]))
 
     mask = static_mask
-    if static_mask is not None:
+    if not technique.reads_static_mask:
+        mask = None
+    elif static_mask is not None:
         mask = padded(np.broadcast_to(static_mask, (len(frames), *frames.shape[-3:-1])))
     shown = hj.apply(technique, camera, padded(frames), padded(poses), static_mask=mask)
     return np.asarray(shown)[: len(frames)]

@@ -12,6 +12,7 @@ from small import quickly
 import hmdjit as hj
 from hmdjit.frames.motion import Motion
 from hmdjit.frames.velocity import past_displacement
+from hmdjit.simulation.rendered import Views
 from hmdjit.techniques import (
     TIDOAA,
     Amortized,
@@ -94,12 +95,15 @@ def frames_of(technique, clip):
         "velocity": planes(clip.velocity_px),
     }
     motion = Motion.of(jnp.asarray(clip.poses))
+    known = clip.poses, clip.object_poses, clip.jitter_px
+    steps = Views.of(technique, channels, jnp.dtype(float), *known).steps
     region, color = hj.Region.whole(CAMERA), planes(clip.color)
     for k in range(clips.FRAMES):
         row = lambda leaf, k=k: leaf[k]
         needed = {n: c[k] for n, c in channels.items() if n in technique.needs}
         jitter_px = jnp.asarray(clip.jitter_px[k])
-        frame = hj.Frame(color[k], CAMERA, region, channels=needed, jitter_px=jitter_px)
+        given = {"jitter_px": jitter_px, "steps": jax.tree.map(row, steps)}
+        frame = hj.Frame(color[k], CAMERA, region, channels=needed, **given)
         yield frame, jax.tree.map(row, motion)
 
 

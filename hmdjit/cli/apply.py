@@ -14,10 +14,11 @@ import tyro
 from jaxtyping import Float
 
 from .. import _checks, techniques
-from .._files import write_csv
+from .._files import check_can_write, write_csv
 from ..camera import Camera
 from ..metrics import IDS as METRICS
 from ..metrics.base import check_block
+from ..pages import apply as pages
 from ..reports import apply as report
 from ..simulation import apply as clips
 from ..simulation.pose_fit import PoseFit
@@ -31,7 +32,8 @@ from .frame_files import (
     write_png,
 )
 from .frame_poses import aligned, said
-from .options import OK, PoseLog, check_can_write, shown
+from .kept import typed
+from .options import OK, PoseLog, shown
 
 _FOV_DEG = 96.0
 Poses = Float[np.ndarray, "frames components"]
@@ -120,6 +122,9 @@ class ApplyCommand(ChannelFolders, PoseLog):
     alpha: Annotated[
         bool, shown("", "Lay frames on black by their alpha, else ignored.")
     ] = False
+    no_report: Annotated[
+        bool, shown("", f"Write neither {pages.NAME} nor {pages.CLIP}.")
+    ] = False
 
     def run(self, console: rich.console.Console) -> int:
         """Show all frames, or write none."""
@@ -150,10 +155,12 @@ class ApplyCommand(ChannelFolders, PoseLog):
         channels = self.of_techniques(console, chosen, frames, size)
         for technique in chosen:
             period, samples, _ = technique.sample_offsets_px.shape
-            if samples == 1 and technique.sample_offsets_px.any():
+            is_jittered = samples == 1 and technique.sample_offsets_px.any()
+            if is_jittered and self.jitter is None:
                 console.out(
                     f"{technique.id} takes frames to be jittered by its own {period} "
-                    "places in turn; name it with _no_jitter where they are not."
+                    "places in turn; name theirs by --jitter, or it with _no_jitter "
+                    "where they are not."
                 )
         fit = None if poses is None else PoseFit(camera, poses[:, :4])
         references: Iterable[Picture | None] = itertools.repeat(None)
@@ -161,6 +168,8 @@ class ApplyCommand(ChannelFolders, PoseLog):
             against = FrameFiles.of(self.reference, not self.alpha).like(frames)
             references = against.pictures(size)
         measured = {name: report.Measured(measured_as) for name in (_FRAMES, *ids)}
+        is_paged = bool(folders) and not self.no_report
+        watched = {name: pages.Watched() for name in measured} if is_paged else {}
 
         pictures, *copies = itertools.tee(frames.pictures(size), 1 + len(chosen))
         streams = [
@@ -185,12 +194,20 @@ class ApplyCommand(ChannelFolders, PoseLog):
                     rows = zip(measured.values(), everything, rounded, strict=True)
                     for row, exact, rough in rows:
                         row.add(exact, rough, reference)
+                    seen = zip(watched.values(), everything, rounded, strict=False)
+                    for one, exact, rough in seen:
+                        one.add(exact, rough, reference)
                 for folder, picture in zip(unfinished, rounded[1:], strict=False):
                     write_png(folder / f"{file.stem}.png", picture)
         if fit is not None:
             for line in said(fit, self.axes or "openxr"):
                 console.out(line)
-        self._report(console, measured)
+        rows = self._report(console, measured)
+        if watched:
+            about = measured[_FRAMES].caption(self.reference)
+            out, words = self.out or _OUT, typed("apply", self)
+            written = pages.write_page(out, watched, rows, camera, words, about)
+            console.out(f"Wrote {', '.join(map(str, written))}.")
         if folders:
             *_, last = folders
             out = last if len(ids) == 1 else last.parent
@@ -252,7 +269,7 @@ class ApplyCommand(ChannelFolders, PoseLog):
 
     def _report(
         self, console: rich.console.Console, measured: dict[str, report.Measured]
-    ) -> None:
+    ) -> dict[str, dict[str, float]]:
         """Print the table, and write it where that was asked for."""
         before = measured[_FRAMES]
         rows = {name: row.values(before) for name, row in measured.items()}
@@ -265,3 +282,4 @@ class ApplyCommand(ChannelFolders, PoseLog):
         if self.csv is not None:
             named = [{"technique": name} | row for name, row in rows.items()]
             console.out(f"Wrote {write_csv(self.csv, named)}.")
+        return rows

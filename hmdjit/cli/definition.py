@@ -13,7 +13,7 @@ from typing import Any
 
 from .. import _checks, _python_files, _toml, metrics, scenes, techniques
 from ..camera import Camera
-from ..head_motion import HeadMotion
+from ..head_motion import HeadMotion, presets
 from ..head_motion.replay import Replay
 from ..scenes.solids import Solids
 from ..studies.definition import StudyScene
@@ -36,6 +36,7 @@ _RIVALS = (
     (("scenes",), ("images", "panorama")),
     (("head",), ("trace",)),
     (("sessions",), ("tolerance",), ("budget",), ("repeat",)),
+    (("workers",), ("dask",)),
 )
 
 
@@ -46,7 +47,12 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
 
     **Errors:** `ValueError` naming the file, and the key with the nearest known one.
     """
-    content, folder = _toml.read(path), path.parent
+    return from_table(_toml.read(path), path)
+
+
+def from_table(content: Mapping[str, Any], path: Path) -> tuple[Options, Tables]:
+    """Read what a STUDY.toml holds, as `read_toml` does, and with its errors."""
+    content, folder = dict(content), path.parent
     tables = {id: content.pop(id) for id in techniques.IDS if id in content}
     try:
         _checks.known_keys(content, [*_OPTIONS, *techniques.IDS])
@@ -57,21 +63,25 @@ def read_toml(path: Path) -> tuple[Options, Tables]:
         }
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    for name in ("images", "panorama", "trace"):
-        if name in values:
-            values[name] = tuple(folder / file for file in values[name])
+    values = placed(values, folder)
+    return Options(**values), numbers
+
+
+def placed(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Options whose relative paths are taken from a folder."""
+    values = dict(values)
+    for name in values.keys() & {"images", "panorama", "trace"}:
+        values[name] = tuple(folder / file for file in values[name])
     for name in values.keys() & {"out", "repeat"}:
         values[name] = folder / values[name]
-    if "head" in values and is_head_file(folder / values["head"]):
+    if "head" in values and is_head_file(values["head"], folder):
         values["head"] = str(folder / values["head"])
     if "scenes" in values:
-        values["scenes"] = tuple(
-            str(folder / name) if _is_picture(name) else name
-            for name in values["scenes"]
-        )
+        placed = lambda name: str(folder / name) if _is_picture(name, folder) else name
+        values["scenes"] = tuple(map(placed, values["scenes"]))
     if "techniques" in values:
         values["techniques"] = tuple(_beside(folder, id) for id in values["techniques"])
-    return Options(**values), numbers
+    return values
 
 
 def _beside(folder: Path, id: str) -> str:
@@ -95,10 +105,15 @@ def merged(low: Options, high: Options) -> Options:
     return Options(**kept | said)
 
 
-def build(options: Options, tables: Tables | None = None) -> Study:
+def build(
+    options: Options,
+    tables: Tables | None = None,
+    scenes: Mapping[str, StudyScene] | None = None,
+) -> Study:
     """Make the study that some options describe.
 
-    **Arguments:** `tables`: numbers of techniques that are not read from files.
+    **Arguments:** `tables`: numbers of techniques, but for those in files of their own;
+    `scenes`: those that the options name, if at hand.
 
     **Errors:** `ValueError` naming the option or the file, the range and the value.
     """
@@ -130,7 +145,7 @@ def build(options: Options, tables: Tables | None = None) -> Study:
     ids = [technique.id for technique in chosen]
     default = "msaa4" if "msaa4" in ids else "none" if "none" in ids else ids[0]
     return Study(
-        scenes=_scenes(options),
+        scenes=_scenes(options) if scenes is None else scenes,
         techniques=chosen,
         head=_head(options),
         camera=camera,
@@ -211,9 +226,11 @@ def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:
     return chosen
 
 
-def _is_picture(name: str) -> bool:
-    """Whether a scene is named by a picture's file."""
-    return bool(Path(name).suffix) or Path(name).is_file()
+def _is_picture(name: str, folder: Path = Path()) -> bool:
+    """Whether a scene is named by a file in a folder; names come first."""
+    return name not in scenes.NAMES and (
+        bool(Path(name).suffix) or (folder / name).is_file()
+    )
 
 
 def goal(options: Options, study: Study) -> Goal:
@@ -256,9 +273,10 @@ def seconds(text: str) -> float:
     return unit * float(found[1])
 
 
-def is_head_file(head: str | Path) -> bool:
-    """Whether a head is named by a file; else by the name of a preset."""
-    return Path(head).suffix.lower() == ".toml" or Path(head).is_file()
+def is_head_file(head: str | Path, folder: Path = Path()) -> bool:
+    """Whether a head is named by a file in a folder; else by the name of a preset."""
+    is_file = Path(head).suffix.lower() == ".toml" or (folder / head).is_file()
+    return is_file and str(head) not in presets.tables()
 
 
 def head_model(head: str) -> HeadMotion:

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import rich.console
 
+from .._files import check_can_write
 from ..studies.progress import Progress
 from ..studies.study import check_seed
-from .options import FAILED, OK, check_can_write, shown
+from .options import FAILED, OK, shown
 from .progress import Display
 
 _FOLDER = Path("hmdjit-envelope")

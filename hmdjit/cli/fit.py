@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import rich.console
 
 from .. import _checks, scenes
+from .._files import files_beside
 from ..curve_fitting import CurveFit, CurveSpace, fit
 from ..curve_fitting.fitting import LEAST_SESSIONS
 from ..curve_fitting.space import FAMILIES, LOCALIZATIONS, MOST_SAMPLES
@@ -28,7 +29,6 @@ from .options import (
     Seed,
     Warmup,
     Width,
-    files_beside,
     shown,
 )
 from .progress import Display

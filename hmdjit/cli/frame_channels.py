@@ -1,8 +1,10 @@
 """Channels of frames as files: folders beside them, a file per frame."""
 
+import csv
 import dataclasses
 import itertools
 import math
+import warnings
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -68,6 +70,15 @@ class ChannelFolders:
             "(height, width, 2) (default: velocity/, else by depth and poses).",
         ),
     ] = None
+    jitter: Annotated[
+        Path | None,
+        shown(
+            "CSV",
+            "Where the sample of each pixel lies, px from its centre, a row per frame: "
+            "columns x, to the right, and y, down; what is seen shifts the other way "
+            "(default: the technique's own places).",
+        ),
+    ] = None
 
     def of_techniques(
         self,
@@ -86,6 +97,11 @@ class ChannelFolders:
         folders = dict(self._beside(frames.folder))
         needs = [_read_by(technique, folders) for technique in techniques]
         given: list[dict[str, Any]] = [{} for _ in techniques]
+        if self.jitter is not None:
+            places = {"jitter_px": _places(self.jitter, len(frames.files))}
+            given = [dict(places) for _ in techniques]
+            if not any(technique.reads_jitter for technique in techniques):
+                console.out(f"{self.jitter} is not used: no technique here reads it.")
         for name, folder in folders.items():
             users = [
                 one for one, read in zip(given, needs, strict=True) if name in read
@@ -153,22 +169,56 @@ def _read_by(technique: AbstractTechnique, found: Collection[str]) -> frozenset[
     return technique.needs.union(("depth", "motion_class") if derives else ())
 
 
+def _places(file: Path, frames: int) -> np.ndarray:
+    """Read where samples lie, px, `(frames, 2)`."""
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            head, *rows = [row for row in csv.reader(opened) if any(row)] or [[]]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{file}: cannot be read as CSV ({error}).") from None
+    head = [name.strip() for name in head]
+    if sorted(head) != ["x", "y"]:
+        raise ValueError(f"{file}: columns must be x, y, got {', '.join(head)}.")
+    if len(rows) != frames:
+        raise ValueError(
+            f"{file}: must have a row per frame ({frames}), got {len(rows)}."
+        )
+    places = np.empty((frames, 2), np.float32)
+    for place, (number, row) in zip(places, enumerate(rows, 1), strict=True):
+        try:
+            named = dict(zip(head, map(float, row), strict=True))
+        except ValueError:
+            raise ValueError(
+                f"{file}: row {number}: must be two numbers, got {','.join(row)}."
+            ) from None
+        for axis, value in named.items():
+            _checks.in_range(f"{file}: row {number}: {axis}", value, -1, 1)
+        place[:] = named["x"], named["y"]
+    return places
+
+
 def _read(file: Path, name: str) -> np.ndarray:
     """Read a file's numbers, `(height, width)` or with colours behind."""
     if file.suffix.lower() == ".npy":
         try:
-            with file.open("rb") as opened:
-                return np.lib.format.read_array(opened, allow_pickle=False)
-        except (ValueError, EOFError) as error:
+            # Mapped, so that a header may claim no more than there is.
+            return np.array(np.lib.format.open_memmap(file, mode="r"))
+        except PermissionError:
+            raise
+        # A damaged header makes its parser raise almost anything.
+        except Exception as error:
             raise ValueError(f"{file}: cannot be read as NPY ({error}).") from None
     if name == "albedo":
         return read_picture(file, opaque=True)
     import PIL.Image
 
     try:
-        with PIL.Image.open(file) as image:
+        with warnings.catch_warnings(action="ignore"), PIL.Image.open(file) as image:
             mode, planes = image.mode, np.asarray(image)
-    except (OSError, ValueError, SyntaxError) as error:
+    except PermissionError:
+        raise
+    # So does a damaged picture with Pillow's decoders; too large a one, too.
+    except Exception as error:
         raise ValueError(f"{file}: cannot be read ({error}).") from None
     if mode not in ("F", "I", "L", "P", "I;16", "I;16B"):
         raise ValueError(f"{file}: must have one number per pixel, got mode {mode}.")

@@ -10,6 +10,7 @@ import tyro
 from scipy.spatial.transform import Rotation
 
 from .. import _checks, _toml
+from .._files import files_beside
 from .._version import __version__
 from ..figures import head as head_figure
 from ..figures.drawing import save
@@ -22,7 +23,7 @@ from ..studies.identity import counted
 from ..studies.sessions import drawn_alike, study_key
 from ..studies.study import check_seed
 from .definition import HEAD, head_model
-from .options import OK, PoseLog, files_beside, shown
+from .options import OK, PoseLog, shown
 
 _MOST_FRAMES = 10**7
 _DRAWS = 16  # of a model, beside each recording

@@ -12,7 +12,7 @@ import tyro
 
 from .._version import __version__
 from ..reports.tables import spelled
-from ..studies.failures import FailedSessionsError
+from ..studies.failures import FailedSessionsError, LostWorkersError
 from .apply import ApplyCommand
 from .doctor import DoctorCommand
 from .envelope import EnvelopeCommand
@@ -21,12 +21,15 @@ from .head import HeadCommand
 from .options import FAILED, OK, WRONG_INPUT, as_option
 from .options import INTERRUPTED as INTERRUPTED
 from .render import RenderCommand, ScenesCommand, TechniquesCommand
+from .report import ReportCommand
 from .reproduce import ReproduceCommand
 from .study import StudyCommand
+from .sweep import SweepCommand
 from .trade_off import PickCommand, TradeOffCommand
 
 COMMANDS: dict[str, Any] = {
     "study": StudyCommand,
+    "sweep": SweepCommand,
     "apply": ApplyCommand,
     "fit": FitCommand,
     "head": HeadCommand,
@@ -34,6 +37,7 @@ COMMANDS: dict[str, Any] = {
     "pick": PickCommand,
     "envelope": EnvelopeCommand,
     "reproduce": ReproduceCommand,
+    "report": ReportCommand,
     "scenes": ScenesCommand,
     "techniques": TechniquesCommand,
     "render": RenderCommand,
@@ -69,6 +73,8 @@ def run(arguments: Sequence[str]) -> int:
     except FailedSessionsError as error:
         words = str(error).replace("omit_failed=True", "--omit-failed")
         return _complain(words.replace("margin_deg =", "--margin"), FAILED)
+    except LostWorkersError as error:
+        return _complain(error, FAILED)
     except (ValueError, ImportError) as error:
         words = as_option(str(error), command)
         return _complain(_hinted(words, arguments), WRONG_INPUT)

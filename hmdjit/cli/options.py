@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import tempfile
 import typing
 import warnings
 from collections.abc import Iterator
@@ -213,6 +212,14 @@ class _StudyOptions:
         Path | None,
         shown("DIR", "Folder for everything written (default: hmdjit-study)."),
     ] = None
+    workers: Annotated[
+        int | None,
+        shown("N", "Run batches in N processes of a CPU each (default: in this one)."),
+    ] = None
+    dask: Annotated[
+        str | None,
+        shown("ADDRESS", "Run batches on a Dask cluster, by its scheduler's address."),
+    ] = None
     overwrite: Annotated[
         bool, shown("", "Replace what another study wrote into that folder.")
     ] = False
@@ -268,29 +275,3 @@ def _names(command: Any) -> Iterator[str]:
             yield from _names(value)
         elif tyro.conf.Positional not in getattr(hints[field.name], "__metadata__", ()):
             yield field.name
-
-
-def check_can_write(folder: Path) -> None:
-    """Raise unless files can be made in a folder, or where it is to be."""
-    existing = next(place for place in (folder, *folder.parents) if place.exists())
-    refused = f"out must be where files can be made, got {folder}: {existing}"
-    if not existing.is_dir():
-        raise ValueError(f"{refused} is a file.")
-    try:
-        # Permissions do not tell: some folders refuse everyone, and root has them all.
-        with tempfile.TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        raise ValueError(f"{refused} refuses them ({error.strerror}).") from None
-
-
-def files_beside(out: Path, suffix: str, *endings: str) -> list[Path]:
-    """Name files beside `out`, by endings of its stem, once all of them can be made."""
-    if out.suffix.lower() != suffix:
-        raise ValueError(f"out must end in {suffix}, got {out}.")
-    files = [out.with_name(out.stem + ending) for ending in endings]
-    for file in (out, *files):
-        if file.is_dir():
-            raise ValueError(f"out must be a file, but {file} is a folder.")
-    check_can_write(out.parent)
-    return files

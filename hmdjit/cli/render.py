@@ -14,7 +14,7 @@ import tyro
 from jaxtyping import Array, Shaped
 
 from .. import _checks, scenes, techniques
-from .._files import written_atomically
+from .._files import check_can_write, written_atomically
 from .._types import Rgb
 from ..camera import Camera, Region
 from ..frames.frame import CHANNELS, MOTION_CLASSES
@@ -36,7 +36,7 @@ from ..technique_contract.base import AbstractTechnique
 from ..trade_off import cost
 from . import definition
 from .frame_files import Codes, codes
-from .options import OK, Fov, Height, Width, check_can_write, shown
+from .options import OK, Fov, Height, Width, shown
 from .progress import Display
 
 

@@ -9,21 +9,33 @@ import rich.console
 import tyro
 
 from .. import _checks
-from .._files import written_atomically
+from .._files import check_can_write, written_atomically
 from ..camera import Camera
 from ..figures import kim as kim_figures
 from ..figures import reproduce as figure
+from ..figures import sobel as sobel_figures
+from ..figures import tidoaa as tidoaa_figures
 from ..figures.drawing import save
 from ..reports import reproduce as report
-from ..reproductions import color_space, kim, tidoaa
+from ..reproductions import color_space, kim, sobel, tidoaa
+from ..reproductions.claims import Found
 from ..studies.identity import counted
 from ..studies.study import check_seed
-from .options import OK, Seed, check_can_write, shown
+from .options import OK, Seed, shown
 from .progress import Display
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want
-PAPERS: dict[str, Any] = {"kim": kim, "tidoaa": tidoaa, "colour-space": color_space}
-_FIGURES: dict[str, Any] = {"kim": kim_figures.draw}  # beside that of the claims
+PAPERS: dict[str, Any] = {
+    "kim": kim,
+    "tidoaa": tidoaa,
+    "sobel": sobel,
+    "colour-space": color_space,
+}
+_FIGURES: dict[str, Any] = {  # beside that of the claims
+    "kim": kim_figures.draw,
+    "tidoaa": tidoaa_figures.draw,
+    "sobel": sobel_figures.draw,
+}
 ALL = "all"
 
 
@@ -44,6 +56,7 @@ class ReproduceCommand:
             "PAPER",
             "kim: head-movement based anti-aliasing against MSAA (Kim et al.); "
             "tidoaa: samples at twice the resolution, by rotation speed; "
+            "sobel: temporal anti-aliasing improved with Sobel (Oliveros); "
             "colour-space: anti-aliasing in linear light against gamma, box against "
             "Lanczos filter (Maruszczuk et al.); all of them.",
         ),
@@ -95,7 +108,12 @@ class ReproduceCommand:
             self._run(console, self.paper, out)
             return OK
         cameras = {name: self._camera(name) for name in PAPERS}  # all checked at first
-        pages = [self._run(console, name, out / name) for name in cameras]
+        ran = {name: self._run(console, name, out / name) for name in cameras}
+        pages = [report.overview({name: found for name, (found, _) in ran.items()})]
+        pages += [
+            report.page(found, [f"{name}/{file}" for file in files])
+            for name, (found, files) in ran.items()
+        ]
         whole = out / "claims.md"
         with written_atomically(whole) as unfinished:
             unfinished.write_text("\n".join(pages), encoding="utf-8")
@@ -118,8 +136,10 @@ class ReproduceCommand:
             )
         return camera
 
-    def _run(self, console: rich.console.Console, name: str, out: Path) -> str:
-        """Run a paper's experiment; its page, as one of several in the folder above."""
+    def _run(
+        self, console: rich.console.Console, name: str, out: Path
+    ) -> tuple[Found, list[str]]:
+        """Run a paper's experiment; what it found, and its figures' files."""
         paper, camera = PAPERS[name], self._camera(name)
         sessions = paper.QUICK_SESSIONS if self.quick else self.sessions
         sessions = paper.SESSIONS if sessions is None else sessions
@@ -154,4 +174,4 @@ class ReproduceCommand:
         with written_atomically(out / "claims.md") as unfinished:
             unfinished.write_text(report.page(found, names), encoding="utf-8")
         console.out(f"Wrote {', '.join(map(str, [*files, out / 'claims.md']))}.")
-        return report.page(found, [f"{name}/{each}" for each in names])
+        return found, names

@@ -7,13 +7,17 @@ from typing import Annotated
 import rich.console
 import tyro
 
+from .._files import check_can_write
 from ..head_motion import presets
 from ..head_motion.replay import Replay
+from ..pages import study as pages
 from ..reports import study as report
+from ..studies.executors import opened
 from ..studies.identity import counted
 from ..studies.measured_blocks import Tiles
 from . import definition
-from .options import HEAD, OK, Options, check_can_write, shown
+from .kept import keep, repeated
+from .options import HEAD, OK, Options, shown
 from .progress import Display
 
 _SMALL_PX = 24  # a halo is about as wide
@@ -35,6 +39,9 @@ class StudyCommand(Options):
         tyro.conf.Positional[Path | None],
         shown("[STUDY.toml]", "File with any of the options below as keys."),
     ] = None
+    no_report: Annotated[
+        bool, shown("", "Write no report.html: `hmdjit report DIR` does so later.")
+    ] = False
 
     def run(self, console: rich.console.Console) -> int:
         """Run the study; write, draw and print what it found."""
@@ -83,7 +90,10 @@ class StudyCommand(Options):
             f"{out}."
         )
         try:
-            with Display(console) as display:
+            with (
+                opened(options.workers, options.dask) as executor,
+                Display(console) as display,
+            ):
                 dataset = study.run(
                     options.seed or 0,
                     out=out,
@@ -93,13 +103,18 @@ class StudyCommand(Options):
                     repeat=goal.repeat,
                     omit_failed=options.omit_failed,
                     overwrite=options.overwrite,
+                    executor=executor,
                 )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 "stopped; finished batches are kept: run the same command to go on."
             ) from None
-        written = report.write_report(dataset, out)
         report.print_table(dataset, console=console)
+        written = [keep(options, self.definition, out)]
+        if self.no_report:
+            written += report.write_report(dataset, out)
+        else:
+            written += pages.write_page(dataset, out, study, command=repeated(out))
         console.out(f"Wrote {', '.join(map(str, (out / 'result.nc', *written)))}.")
         if goal.budget_s is not None:
             console.out(

@@ -9,6 +9,7 @@ import rich.console
 import tyro
 
 from .. import _checks, techniques
+from .._files import check_can_write
 from ..estimates.intervals import Z95
 from ..figures import trade_off as trade_off_figure
 from ..figures.drawing import save
@@ -18,7 +19,7 @@ from ..studies.study import Study
 from ..trade_off import choice, knobs, measurement, settings, trade_off
 from ..trade_off.choice import Choice
 from . import definition
-from .options import OK, Fov, Head, Height, Seed, Width, check_can_write, shown
+from .options import OK, Fov, Head, Height, Seed, Width, shown
 from .progress import Display
 
 SCENE = "text"  # its hard edges show what textures do; photographs are their texels

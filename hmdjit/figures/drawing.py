@@ -1,6 +1,7 @@
 """The style of all figures: colours, titles, scales, footers, names apart, files."""
 
 import contextlib
+import io
 import math
 import textwrap
 import warnings
@@ -56,18 +57,35 @@ styled = matplotlib.rc_context(
 
 
 def save(figure: Figure, path: Path, *, tight: bool = True) -> Path:
-    """Save a figure as PNG, whole or not at all, and return its path.
+    """Save a figure, whole or not at all, and return its path: PNG, or SVG by name.
 
     The file says, as its `Source`, of which version and model it is.
 
     **Arguments:** `tight`: cut or widened to what is drawn; else as large as it says.
     """
-    box = "tight" if tight else None
-    with written_atomically(path) as unfinished, quiet():
-        about = {"Software": None, "Source": made_by()}
-        look: Any = {"dpi": DPI, "bbox_inches": box, "metadata": about}
-        figure.savefig(unfinished, format="png", **look)
+    with written_atomically(path) as unfinished:
+        _write(figure, unfinished, path.suffix[1:], tight)
     return path
+
+
+def save_both(figure: Figure, path: Path) -> list[Path]:
+    """Save a figure as PNG and as SVG, and return the paths."""
+    return [save(figure, path.with_suffix(suffix)) for suffix in (".png", ".svg")]
+
+
+def png(figure: Figure) -> bytes:
+    """Return what a figure's PNG file would hold."""
+    with io.BytesIO() as content:
+        _write(figure, content, "png", True)
+        return content.getvalue()
+
+
+def _write(figure: Figure, file: Any, kind: str, tight: bool) -> None:
+    about = {"Source": made_by()}
+    about |= {"Date": None} if kind == "svg" else {"Software": None}
+    look: Any = {"dpi": DPI, "bbox_inches": "tight" if tight else None}
+    with quiet(), matplotlib.rc_context({"svg.hashsalt": made_by()}):
+        figure.savefig(file, format=kind, metadata=about, **look)
 
 
 @contextlib.contextmanager

@@ -21,7 +21,8 @@ def draw(found: Found) -> Figure:
     Left is the paper's own question; on the right it is the first row of each claim's
     column, and what other measures say of it lies below.
     """
-    sides = [3.75, 2.45 * len(found.asked)]
+    names = {row.condition for row in found.measured}
+    sides = [max(3.75, 0.8 * len(names)), 2.45 * len(found.asked)]
     height = max(4.0, 1.6 + 0.62 * len(found.measures))
     footer = f"{found.about} {made_by()}."
     figure, ((left, right),) = drawing.panels(
@@ -49,13 +50,17 @@ def _means(axes: Axes, found: Found) -> None:
                 capsize=2.5,
                 label=case if place == 0 else None,
             )
-    axes.set_xticks(range(len(names)), [textwrap.fill(name, 10) for name in names])
+    ticks = [textwrap.fill(name, 10) for name in names]
+    lines = 1 + max(tick.count("\n") for tick in ticks)
+    axes.set_xticks(range(len(names)), ticks, fontsize=drawing.LABEL)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y")
     axes.set_ylabel(textwrap.fill(f"{first[0].measure}, {first[0].unit}", 34))
     axes.set_title("What was measured")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.065 * lines), ncols=4
+    )
 
 
 def _matrix(axes: Axes, found: Found) -> None:

@@ -25,13 +25,14 @@ def write_figures(
     rows: Sequence[SummaryRow],
     folder: str | os.PathLike,
 ) -> list[Path]:
-    """Draw a study as PNG files of 150 dpi, each written whole or not at all.
+    """Draw a study as PNG files of 150 dpi and as SVG, each written whole or not.
 
     **Returns:** the paths of the files, named as `draw` names their figures.
     """
     return [
-        drawing.save(figure, Path(folder) / f"{name}.png")
+        path
         for name, figure in draw(dataset, rows).items()
+        for path in drawing.save_both(figure, Path(folder) / f"{name}.png")
     ]
 
 

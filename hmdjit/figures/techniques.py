@@ -21,7 +21,8 @@ class Compared:
     """The techniques of a study: `mtcd` by technique, scene and session; rows by cell.
 
     `style` holds colour, dashes and marker; the baseline's is black. `mtcd` is the
-    headline, whatever metric that is; `headline` and `unit` are its words.
+    headline, whatever metric that is; `headline` and `unit` are its words, and
+    `more_is_better` says which way it is read.
     """
 
     def __init__(self, dataset: "xarray.Dataset", rows: Sequence[SummaryRow]):
@@ -33,7 +34,8 @@ class Compared:
         if not self.is_flicker:
             self.unit = str(about.get("units", "unknown units"))
         words = [] if self.unit == "1" else [self.unit]
-        words += ["more is better"] * (about.get("better") == "more")
+        self.more_is_better = about.get("better") == "more"
+        words += ["more is better"] * self.more_is_better
         self.unit = ", ".join(words)
         order = ("technique", "scene", "session")
         self.mtcd = dataset[self.metrics[0]].transpose(*order).values.astype(float)
@@ -48,14 +50,7 @@ class Compared:
         known = [dataset.attrs.get(name, 1) for name in names]
         self.camera = Camera(int(known[0]), int(known[1]), *map(float, known[2:]))
         self.others = [t for t in self.techniques if t != self.baseline]
-        count = len(COLOURS)
-        self.style: dict[str, tuple[str, Any, str]] = {
-            self.baseline: ("black", "-", "o")
-        }
-        for i, technique in enumerate(self.others):
-            turn = i // count
-            marker = _MARKERS[(i + turn) % count]
-            self.style[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+        self.style = styles(self.baseline, self.others)
 
     def points(self, technique: str) -> dict[str, Any]:
         """Return colour and marker of a technique's points."""
@@ -76,3 +71,14 @@ class Compared:
         place = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate(subtitle, (0, 1), (0, 6), va="bottom", **place, **SMALL)
         return figure, axes
+
+
+def styles(baseline: str, others: Sequence[str]) -> dict[str, tuple[str, Any, str]]:
+    """Give each technique a colour, dashes and a marker; the baseline is black."""
+    count = len(COLOURS)
+    found: dict[str, tuple[str, Any, str]] = {baseline: ("black", "-", "o")}
+    for i, technique in enumerate(others):
+        turn = i // count
+        marker = _MARKERS[(i + turn) % count]
+        found[technique] = (COLOURS[i % count], DASHES[turn % 3], marker)
+    return found

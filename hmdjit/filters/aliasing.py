@@ -11,7 +11,7 @@ from jaxtyping import Array, DTypeLike, Float, Int
 
 from .. import color
 from .._types import Plane, Rgb
-from . import neighborhood
+from . import neighborhood, temporal
 from .neighborhood import Box
 
 DEPTH_RANGES = ("paper", "code")
@@ -52,6 +52,17 @@ def edge_strength(lit: Rgb, albedo: Rgb, depth: Plane) -> Plane:
     length = neighborhood.gradient_length(jnp.stack([*lumas, depth]))
     edge = jnp.clip(_OF_ALBEDO * length[0] + _OF_LIGHT * length[1] + length[2], 0, 1)
     return edge * jnp.sqrt(3 - 2 * edge)  # the root of smoothstep
+
+
+def temporal_edges(edges: Float[Array, "1 rows columns"], past: Plane) -> Plane:
+    """Blend past edges, limited to those around each pixel, into the present ones.
+
+    **Arguments:** `edges`: un-jittered, with a margin of 1 px.
+    """
+    current = edges[0, 1:-1, 1:-1]
+    box = neighborhood.rounded_box(edges, margin_px=1)
+    weight = temporal.feedback_weight(current, past, *temporal.THESIS_FEEDBACK)
+    return current + weight * (jnp.clip(past, box.low[0], box.high[0]) - current)
 
 
 def differing_share(ids: Int[Array, "rows columns"], dtype: DTypeLike) -> Plane:

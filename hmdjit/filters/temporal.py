@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._types import Mask, Numbers, Plane, Planes, Scalar
+from .. import color
+from .._types import Mask, Numbers, Plane, Planes, Rgb, Scalar
 from ..frames.displacement import AnyDisplacement, DisplacementField
 from ..frames.frame import Frame
 from ..frames.motion import Motion
@@ -140,6 +141,13 @@ def feedback_weight(
     largest = jnp.maximum(jnp.maximum(current_luma, past_luma), _LEAST_LUMA)
     alike = 1 - jnp.abs(current_luma - past_luma) / largest
     return low + (high - low) * alike**2
+
+
+def thesis_blend(current: Rgb, past: Rgb) -> Rgb:
+    """Blend a past, clipped or not, into the present: Oliveros' thesis."""
+    lumas = color.to_ycocg(current)[0], color.to_ycocg(past)[0]
+    weight = feedback_weight(*lumas, *THESIS_FEEDBACK)
+    return current + weight[None] * (past - current)
 
 
 def likeness(speed: Plane, past_speed: Plane, sensitivity: float) -> Plane:

@@ -18,12 +18,11 @@ class ChangedPixels(PixelMean):
     """Share of pixels whose colour changes by more than a threshold, per frame.
 
     Percent, over pixels and consecutive displayed frames. The change is MTCD's RGB
-    distance, so that it is at most `100 MTCD / threshold`. It counts: its gradient is 0
-    everywhere, and says nothing.
+    distance, unquantised, so that it is at most `100 MTCD / threshold`. It counts: its
+    gradient is 0 everywhere, and says nothing.
 
-    - `threshold`: code values of 255, a whole number of at least 1; what is shown
-      changes by whole code values, and 1 is the least that a display of 8 bits can
-      show.
+    - `threshold`: code values of 255, a whole number of at least 1, the least change
+      that a display of 8 bits can show.
     """
 
     unit: ClassVar[str] = "% of pixels"

@@ -81,8 +81,10 @@ class Measured:
         return " ".join([*words, *held])
 
 
-def print_table(rows: Mapping[str, Mapping[str, float]], console: Console) -> None:
-    """Print the values of each clip."""
+def measured_table(
+    rows: Mapping[str, Mapping[str, float]], say: tables.Say = str
+) -> tables.Continued:
+    """Lay out the values of each clip."""
     names = dict.fromkeys(column for row in rows.values() for column in row)
     header = {"technique": tables.WORDS}
     header |= {_HEADERS.get(n) or metric_words(n): tables.READY for n in names}
@@ -90,7 +92,12 @@ def print_table(rows: Mapping[str, Mapping[str, float]], console: Console) -> No
         [clip, *(tables.number(value, 3) for value in row.values())]
         for clip, row in rows.items()
     ]
-    console.print(tables.table(header, lines, say=tables.spelling(console)))
+    return tables.table(header, lines, say=say)
+
+
+def print_table(rows: Mapping[str, Mapping[str, float]], console: Console) -> None:
+    """Print the values of each clip."""
+    console.print(measured_table(rows, tables.spelling(console)))
 
 
 def _ratio(one: metrics.Streamed, other: metrics.Streamed) -> float:

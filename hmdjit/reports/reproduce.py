@@ -1,6 +1,6 @@
 """A paper's claims in words: the tables that the command line prints, and CSV."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .. import _files
@@ -53,7 +53,8 @@ def page(found: Found, figures: Sequence[str]) -> str:
     """Write all of it as Markdown; `figures`: files beside it."""
     rows = [
         (
-            claim.claim + (f" ({claim.source})" if claim.source else ""),
+            claim.claim,
+            claim.source,
             f"{claim.quantity}: {number(claim.value)} {claim.unit}".rstrip(),
             f"{number(claim.low)} to {number(claim.high)}",
             f"**{claim.verdict}**",
@@ -61,11 +62,33 @@ def page(found: Found, figures: Sequence[str]) -> str:
         )
         for claim in found.claims
     ]
-    heads = ("the paper says", "ours", "95 %", "verdict", "why")
-    lines = ["| " + " | ".join(row) + " |" for row in (heads, ["---"] * 5, *rows)]
+    heads = ("the paper says", "where", "ours", "95 %", "verdict", "why")
     pictures = [f"![{name}]({name})" for name in figures]
-    parts = [f"# {found.title}", found.about, "\n".join(lines), *pictures, *found.lines]
+    whole = _markdown(heads, rows)
+    parts = [f"# {found.title}", found.about, whole, *pictures, *found.lines]
     return "\n\n".join(parts) + "\n"
+
+
+def overview(papers: Mapping[str, Found]) -> str:
+    """Write the verdicts on several papers' own questions as one table, in Markdown."""
+    rows = [
+        (name, claim.claim, in_words(claim), f"**{claim.verdict}**")
+        for name, found in papers.items()
+        for claim in found.asked
+    ]
+    heads = ("paper", "it says", "ours [95 %]", "verdict")
+    return f"# Papers' claims\n\n{_markdown(heads, rows)}\n"
+
+
+def in_words(claim: Claim) -> str:
+    """Write what was measured of a claim, with its interval."""
+    numbers = f"{number(claim.value)} [{number(claim.low)}, {number(claim.high)}]"
+    return f"{numbers} {claim.unit}".rstrip()
+
+
+def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = (heads, ["---"] * len(heads), *rows)
+    return "\n".join("| " + " | ".join(row) + " |" for row in lines)
 
 
 def write_csv(found: Found, folder: Path) -> list[Path]:

@@ -66,7 +66,21 @@ def print_table(
     """
     console = Console() if console is None else console
     rows = summarize(dataset) if rows is None else rows
-    width, say = console.width, spelling(console)
+    say, shown = spelling(console), []
+    parts = titled_tables(dataset, rows, console.width, say).items()
+    for k, (title, found) in enumerate(parts):
+        shown += [Text(say("\n" * (k > 0) + title), style="bold"), found]
+    shown.append(Text(say("\n" + "\n".join(caption(dataset, rows))), style="dim"))
+    console.print(Group(*shown))
+
+
+def titled_tables(
+    dataset: "xarray.Dataset",
+    rows: Sequence[SummaryRow],
+    width: int = 120,
+    say: Say = str,
+) -> dict[str, Continued]:
+    """Return a study's tables by title: over all scenes, and ratios per scene."""
     baseline = str(dataset.attrs["baseline"])
     cells = {(row.technique, row.scene): row for row in rows}
     techniques = [str(t) for t in dataset["technique"].values]
@@ -75,18 +89,13 @@ def print_table(
     title = "Flicker" if headline == "mtcd" else metric_words(headline)
     title += " and detail" * ("detail_loss" in others) + ", mean over scenes"
     pooled = [cells[t, POOLED] for t in techniques]
-    parts: list[Text | Continued] = [
-        Text(title, style="bold"),
-        _pooled_table(pooled, baseline, headline, others, width, say),
-    ]
+    found = {title: _pooled_table(pooled, baseline, headline, others, width, say)}
     compared = [t for t in techniques if t != baseline]
     if compared and len(scenes) > 1:
-        title = f"\n{metric_words(headline)} as a share of {baseline}'s, by scene"
-        parts.append(Text(say(title), style="bold"))
+        title = f"{metric_words(headline)} as a share of {baseline}'s, by scene"
         lines = [*scenes, POOLED, GEOMETRIC_MEAN]
-        parts.append(_scene_table(cells, lines, [baseline, *compared], say))
-    caption = _caption(dataset, rows)
-    console.print(Group(*parts, Text(say(f"\n{caption}"), style="dim")))
+        found[title] = _scene_table(cells, lines, [baseline, *compared], say)
+    return found
 
 
 def _pooled_table(
@@ -156,7 +165,8 @@ def _scene_table(
     return table(columns, rows, fold=True, no_wrap=False, say=say)
 
 
-def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
+def caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> list[str]:
+    """Say what the numbers are, what intervals are over, and what all rests on."""
     a, headline = dataset.attrs, metric_words(metric_ids(dataset)[0])
     over = next(
         row.interval
@@ -208,7 +218,7 @@ def _caption(dataset: "xarray.Dataset", rows: Sequence[SummaryRow]) -> str:
         words.append(f"Failed sessions{left_out}: {failed}.")
     if wide:
         words.append(f"Sessions that needed a wider halo: {wide}.")
-    return "\n".join([words[0], words[1], " ".join(words[2:])])
+    return [words[0], words[1], " ".join(words[2:])]
 
 
 def _half(low: float, high: float) -> float:

@@ -26,7 +26,7 @@ class Claim:
     - `value`, `low`, `high`, `unit`: with its 95 % interval.
     - `verdict`: `HOLDS`, `FAILS` or `UNTOLD`.
     - `reason`: why, with the figures that it rests on.
-    - `source`: where in the paper; empty where it is the whole.
+    - `source`: where in the paper: its section, figure or table, as far as it is known.
     """
 
     claim: str

@@ -63,8 +63,11 @@ def claims_by(measure: Measure, values: Values) -> list[Claim]:
     said = ", ".join(f"{name} {measure.sign * means[name]:.3g}" for name in names)
     said += f" ({measure.metric.unit})"
 
-    def judged(claim: str, quantity: str, found: Interval, *how: str) -> Claim:
-        return Claim.of(claim, measure.words, quantity, found, unit, *how)
+    def judged(
+        claim: str, quantity: str, found: Interval, verdict: str, reason: str
+    ) -> Claim:
+        numbers = claim, measure.words, quantity, found, unit
+        return Claim.of(*numbers, verdict, reason, "results: comparisons of pairs, JOD")
 
     def gap(one: str, other: str) -> Interval:
         return mean_interval(of_session[one] - of_session[other])

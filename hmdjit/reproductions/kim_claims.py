@@ -15,6 +15,7 @@ from .kim_map import Place
 PAPERS_RATIO, ROUNDING = 0.56, 0.005
 _ALIKE = 0.05  # relative: two that differ less are almost identical
 MOST_SHARE = 0.1  # of a frame's time
+_IN_WORDS = "results, in words"
 TIMED, TIMED_PX = "atrium", 256
 UNIT = MTCD().unit
 NAMES = {"none": "no AA", "msaa4": "MSAA", "head_movement": "head movement"}
@@ -104,6 +105,7 @@ def claims_on_solids(values: Values) -> list[Claim]:
             UNIT,
             every([above(gap) for gap in gaps.values()]),
             f"{said} ({UNIT})",
+            _IN_WORDS,
         ),
     ]
 
@@ -119,6 +121,7 @@ def claim_on_cost(share: Interval) -> Claim:
         below(share, MOST_SHARE),
         f"{TIMED_PX} x {TIMED_PX} px, ray casting on this machine's CPU; what else "
         "that runs moves this figure, and no seed repeats it",
+        _IN_WORDS,
     )
 
 

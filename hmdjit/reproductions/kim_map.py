@@ -8,8 +8,10 @@ session has been running when it is measured.
 
 import dataclasses
 import itertools
+import os
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._types import Scalar
 from ..camera import Camera, Region, px_per_deg
 from ..estimates.intervals import ratio_interval
 from ..frames.motion import Motion
@@ -29,6 +32,7 @@ from ..scenes.base import AbstractScene
 from ..simulation.session import fastest_reading, session
 from ..studies.progress import Progress, Tell
 from ..techniques import HeadMovement, NoAntialiasing
+from .kept import kept
 
 CORRELATIONS = (0.0, 0.3, 0.5, 0.8, 0.95, 0.99)
 PX_PER_FRAME = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
@@ -74,6 +78,17 @@ def head_of(correlation: float, deg_per_frame: float, rate_hz: float) -> HeadMot
     return eqx.tree_at(lambda m: m.speed_rms_deg_s, model, (scale, scale, 0.0))
 
 
+def motion_of(head: HeadMotion, camera: Camera, rate_hz: Scalar) -> tuple[float, float]:
+    """Where a head lies on the map: its correlation, and px per frame and axis, RMS.
+
+    Pitch and yaw are averaged; px are those in the middle of the frame.
+    """
+    at_centre = np.array([camera.width_px / 2, camera.height_px / 2])
+    now, later = np.asarray(head.increment_covariance(_LAGS, rate_hz))[:, :2].mean(1)
+    px = np.sqrt(now) * float(px_per_deg(camera, at_centre)[0])
+    return float(later / now), float(px)
+
+
 @partial(jax.jit, static_argnames=("warmup", "sessions"))
 def _flicker(
     texture: Texture,
@@ -116,6 +131,7 @@ def ratios(
     sessions: int,
     seed: int,
     *,
+    out: str | os.PathLike,
     correlations: Sequence[float] = CORRELATIONS,
     px_per_frame: Sequence[float] = PX_PER_FRAME,
     refresh_hz: Sequence[float] = REFRESH_HZ,
@@ -123,7 +139,8 @@ def ratios(
 ) -> list[Place]:
     """Simulate the map, the same random numbers at each place.
 
-    **Arguments:** `correlations`: of the velocity at the frames.
+    **Arguments:** `out`: folder where what is finished is kept; `correlations`: of the
+    velocity at the frames.
     """
     at_centre = np.array([camera.width_px / 2, camera.height_px / 2])
     found = []
@@ -134,20 +151,19 @@ def ratios(
             progress(Progress(len(found), 0, f"map of the ratio, {name}"))
             deg = px / float(px_per_deg(camera, at_centre)[0])
             head = head_of(correlation, deg, rate_hz)
-            now, later = np.asarray(head.increment_covariance(_LAGS, rate_hz))[:, 0]
-            plain, blended = np.asarray(
-                _flicker(
-                    texture,
-                    dataclasses.replace(camera, refresh_hz=rate_hz),
-                    head,
-                    jax.random.key(seed),
-                    warmup=warmup,
-                    sessions=sessions,
-                ),
-                float,
+            place = dataclasses.replace(camera, refresh_hz=rate_hz)
+            options = {"warmup": warmup, "sessions": sessions}
+            compute = partial(
+                _flicker, texture, place, head, jax.random.key(seed), **options
+            )
+            plain, blended = kept(
+                Path(out) / "map",
+                f"{name}_{len(found)}",
+                (name, place, head, seed, FRAMES, _CROP_PX, options),
+                lambda compute=compute: np.asarray(compute(), float),
             ).T
             ratio = ratio_interval(blended, plain)
             numbers = (ratio.value, ratio.low, ratio.high)
-            turning = round(float(later / now), 2)
+            turning = round(motion_of(head, camera, rate_hz)[0], 2)
             found.append(Place(name, turning, px, rate_hz, warmup, *numbers))
     return found

@@ -51,14 +51,15 @@ def play(
     start: Int[Array, ""],
     measure: Callable[[Any, Moment], tuple[Any, Any]],
     carry: Any = None,
+    region: Region | None = None,
 ) -> Any:
     """Step techniques along a path; return what `measure` says of each frame.
 
     **Arguments:** `start`: number of the first frame, a multiple of `START_EVERY`: its
     time in frames; `measure`: of what it carried and a moment, both anew; `carry`: of
-    before the first frame.
+    before the first frame; `region`: the part of the camera frame, None is all.
     """
-    region = Region.whole(camera)
+    region = Region.whole(camera) if region is None else region
     renderer = Renderer(source, camera, fastest_reading())
     patterns = [Pattern.of(technique, source.gives) for technique in techniques]
 

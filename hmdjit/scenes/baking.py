@@ -30,6 +30,7 @@ def bake(
     *,
     oversampling: int = 2,
     margin_deg: float = 6.0,
+    least_margin_px: int = 0,
     dtype: DTypeLike = jnp.float32,
 ) -> Texture:
     """Paint the image plane of the hold pose, with a margin, as a texture.
@@ -39,6 +40,8 @@ def bake(
     - `oversampling`: texels per display pixel and axis: 1, 2 or 4.
     - `margin_deg`: how far the head may wander; deg, at least 0. On all four sides the
       plane extends by what the axis with the wider field of view needs for it.
+    - `least_margin_px`: or by so many display px, if that is more: textures of several
+      cameras then have one shape.
     - `dtype`: of the texels: float32, float64, or bfloat16, painted in float32.
 
     **Returns:** a `Texture`, its colour exact at the texels' centres, its reference the
@@ -51,7 +54,7 @@ def bake(
     **Accuracy:** what is read between texels is interpolated from them. One compilation
     serves all scenes of one class and shapes.
     """
-    margin_px = check_baking(camera, oversampling, margin_deg)
+    margin_px = max(check_baking(camera, oversampling, margin_deg), least_margin_px)
     check_scene(scene, camera)
     if isinstance(scene, AbstractSource):
         raise ValueError(

@@ -216,7 +216,9 @@ def _read_codes(
         # Pillow warns of damaged metadata, and of half the size that it refuses. Of a
         # path it would map the file, and misread a turned TIFF.
         with warnings.catch_warnings(action="ignore"), open(path, "rb") as file:
-            return _decoded(PIL.Image.open(file), opaque)
+            image = PIL.Image.open(file)
+            _check_holds(image, os.fstat(file.fileno()).st_size)
+            return _decoded(image, opaque)
     except PermissionError:
         raise
     except _Refused as error:
@@ -229,6 +231,14 @@ def _read_codes(
     # A damaged file makes Pillow's decoders raise almost anything.
     except Exception as error:
         raise ValueError(f"{path}: damaged or unreadable: {error}") from error
+
+
+def _check_holds(image: Any, size_bytes: int) -> None:
+    """Raise where a JPEG claims to be larger than it can: the rest would be grey."""
+    width, height = image.size
+    # A block of 8 x 8 px takes at least one bit.
+    if image.format in ("JPEG", "MPO") and 8 * size_bytes < width // 8 * (height // 8):
+        raise _Refused(f"claims {width} x {height} px, too many for {size_bytes} bytes")
 
 
 def _decoded(image: Any, opaque: bool) -> UInt[np.ndarray, "height width *channels"]:

@@ -68,8 +68,8 @@ def apply(
       in float32, history and result included.
     - `poses`: `world_from_head` of each frame, `(frames, 4)`, unit length; or with the
       eye's position in metres (world, x right, y up, z back) `(frames, 7)`.
-    - `static_mask`: True where the scene is static, `(frames, height, width)`; head
-      movement alone reads it.
+    - `static_mask`: True where the scene is static, `(frames, height, width)`; for
+      techniques that read it, which is head movement alone.
 
     Channels, of the shape of `frames` without its colours, for techniques that need
     them (`technique.needs`); what a technique does not need is checked and not used:
@@ -82,7 +82,9 @@ def apply(
       `(..., 2)`. Without it: as the head turns, where the eye stays in its place; else
       derived from `depth` and `poses`, and from `object_id` and `object_poses` where
       objects move by themselves.
-      TIDOAA, which moves samples forward, does so by depth and poses alone.
+      TIDOAA, which moves samples forward, does so by depth and poses alone, and by
+      `object_poses`; it takes a velocity as a channel that is not used, so that all
+      techniques may be given the same ones, and refuses rigid objects without poses.
     - `object_poses`: world from object, as `poses`, `(frames, objects, 7)`; row i is of
       the object with the id i.
     - `jitter_px`: where the one sample of each pixel lies, from its centre, px, x right
@@ -93,8 +95,8 @@ def apply(
     a number of the camera or of the technique is out of its range.
 
     **Errors:** `ValueError` if sizes, numbers of frames or of samples disagree, for
-    frames of any other dtype or range, and for a channel that is needed but neither
-    given nor derived.
+    frames of any other dtype or range, for a channel that is needed but neither given
+    nor derived, and for a mask that the technique does not read.
     """
     check_contract(technique)
     frames = _checks.colors("frames", frames)
@@ -123,6 +125,8 @@ def apply(
     mask = None if static_mask is None else jnp.asarray(static_mask, bool)
     if mask is not None:
         _checks.shape("static_mask", mask, mask_shape)
+        if not technique.reads_static_mask:
+            raise ValueError(f"{technique.id} reads no static_mask: leave it out.")
     shape = tuple(frames.shape[:-1])
     channels = checked_channels(technique, given, views, shape, frames.dtype)
     color = jnp.moveaxis(frames if frames.ndim == 5 else frames[:, None], -1, 2)

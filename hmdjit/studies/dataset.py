@@ -55,30 +55,64 @@ def gathered(
     return dataset
 
 
-def check_contains(path: Path, definition: Mapping[str, str], sessions: int) -> None:
-    """Raise unless a study contains the one whose result it is about to replace.
+MANIFEST = "batches/manifest.json"
+"""Of which study the batches in a folder are."""
 
-    **Arguments:** `definition`: of `identity.definition`; `sessions`: it runs.
+
+def check_contains(
+    folder: Path,
+    definition: Mapping[str, str],
+    sessions: int,
+    result: str = "result.nc",
+) -> None:
+    """Raise unless a study contains the one that a folder has a result or batches of.
+
+    **Arguments:** `definition`: of `identity.definition`; `sessions`: it runs;
+    `result`: the file's name.
 
     **Errors:** `ValueError` naming the file, and what differs.
     """
+    for what, path in ("result", folder / result), ("batches", folder / MANIFEST):
+        known, count = _known(path) if path.exists() else ({}, 0)
+        others = [k for k, value in known.items() if definition.get(k) != value]
+        others += ["sessions"] * (count > sessions)
+        if others:
+            raise ValueError(
+                f"out has the {what} of another study, {path} (other "
+                f"{', '.join(others)}): name another folder, or replace it with "
+                "overwrite=True (--overwrite)."
+            )
+
+
+def _known(path: Path) -> tuple[Mapping[str, str], int]:
+    """Read the definition of a study, and how many sessions would be lost with it."""
     import xarray
 
-    if not path.exists():
-        return
     try:
+        if path.suffix == ".json":
+            return json.loads(path.read_bytes())["definition"], 0
         with xarray.open_dataset(path, engine="h5netcdf") as old:
-            known = json.loads(old.attrs["definition"])
-            has_more = old.sizes["session"] > sessions
-    except (OSError, KeyError, ValueError):
-        known, has_more = {"what wrote it": ""}, False
-    others = [name for name, value in known.items() if definition.get(name) != value]
-    others += ["sessions"] * has_more
-    if others:
-        raise ValueError(
-            f"out has the result of another study, {path} (other {', '.join(others)}): "
-            "name another folder, or replace it with overwrite=True (--overwrite)."
-        )
+            return json.loads(old.attrs["definition"]), old.sizes["session"]
+    except (OSError, KeyError, ValueError, TypeError):
+        return {"what wrote it": ""}, 0
+
+
+def write_manifest(
+    folder: Path,
+    study: StudyDefinition,
+    definition: Mapping[str, str],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Say of which study the batches in a folder are, in hashes and in words."""
+    content = dict(attributes) | {
+        "sessions": study.sessions,
+        "scenes": {name: str(scene) for name, scene in study.scenes.items()},
+        "techniques": {one.id: str(one) for one in study.techniques},
+        "metrics": [metric.id for metric in study.metrics],
+        "definition": dict(definition),
+    }
+    with written_atomically(folder / MANIFEST) as unfinished:
+        unfinished.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
 def write_dataset(dataset: "xarray.Dataset", path: Path) -> None:

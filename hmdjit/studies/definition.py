@@ -1,6 +1,7 @@
 """What a study is: scenes, techniques, a head, a display, metrics, and how much."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import equinox as eqx
 
@@ -32,6 +33,20 @@ StudyScene = AbstractScene | AbstractSource
 """A source, as solids are one, is seen as it is; all else are pictures, and baked."""
 
 
+class Shapes(NamedTuple):
+    """Least sizes of what is compiled, by which studies of a sweep share programs.
+
+    What is wider than it must be moves no number by more than a halo's tolerance.
+
+    - `margin_px`: of textures around the camera frame, display px.
+    - `halo_px`, `solid_halo_px`: around measured blocks of pictures and of solids.
+    """
+
+    margin_px: int = 0
+    halo_px: int = 0
+    solid_halo_px: int = 0
+
+
 class StudyDefinition(eqx.Module):
     """The fields of a `Study`, checked."""
 
@@ -50,6 +65,7 @@ class StudyDefinition(eqx.Module):
     neck: NeckModel | None = NeckModel()
     reference_samples: int = 16
     reference_every: int = 3  # of ten frames as sure as all, for half the time
+    shapes: Shapes = Shapes()
 
     def __post_init__(self):
         if self.measure is None:

@@ -12,6 +12,10 @@ class FailedSessionsError(RuntimeError):
     """Sessions gave no finite number."""
 
 
+class LostWorkersError(RuntimeError):
+    """Workers that batches were given to have died, again and again."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Failures:
     """What a study does about sessions that give no finite number.

@@ -32,6 +32,20 @@ MODEL_VERSION = "5"
 _OLD_METRICS = ("mtcd", "detail_loss")  # of files that do not name theirs
 
 
+SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
+"""What moves numbers, but no draws; see `sessions`."""
+
+
+def numbers_key(study: StudyDefinition, seed: int) -> str:
+    """Hash what decides the numbers of all scenes and techniques alike, here."""
+    return fingerprint(
+        [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
+        [str(getattr(jax.config, name)) for name in SETTINGS],
+        [study.display, study.head, study.frames, study.warmup, study.measure],
+        [study.oversampling, float(study.margin_deg), study.metrics],
+    )
+
+
 def attributes(
     study: StudyDefinition, seed: int, config_hash: str = ""
 ) -> dict[str, Any]:
@@ -78,7 +92,7 @@ def definition(study: StudyDefinition, seed: int, goal: object) -> dict[str, str
     fields = [field.name for field in dataclasses.fields(StudyDefinition)]
     parts = {name: getattr(study, name) for name in fields}
     scenes, techniques = parts.pop("scenes"), parts.pop("techniques")
-    del parts["sessions"]
+    del parts["sessions"], parts["shapes"]
     parts["margin_deg"] = float(study.margin_deg)  # 6 is 6.0
     parts |= {"seed": seed, "tolerance or budget": goal, "model version": MODEL_VERSION}
     parts |= {f"scene {name}": scene for name, scene in scenes.items()}

@@ -4,11 +4,13 @@ Sessions run in batches; a batch is the sessions of one dispatch and one file. F
 batches are kept, so an interrupted study goes on where it stopped.
 """
 
+import contextlib
 import functools
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent import futures
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,31 +20,33 @@ from jaxtyping import Bool, Float
 
 from ..estimates.decibels import power_of
 from ..frames.sources import AbstractSource
+from ..simulation.session import Result
 from ..technique_contract.check import forget_checks
 from ..technique_contract.small_motion import Still
 from ..theory.control_variates import Controls, control_of
-from .dataset import check_contains, gathered, write_dataset
+from .dataset import check_contains, gathered, write_dataset, write_manifest
 from .definition import StudyDefinition
+from .executors import Definition, Finished, defined, elsewhere, in_process
 from .failures import Failures
-from .identity import MODEL_VERSION, attributes, definition
+from .identity import attributes, definition, numbers_key
 from .measured_blocks import Tiles
 from .progress import Progress, Tell
 from .sampler import CHUNK, PATH_TILES, PILOT_START, Measured, Sampler
 from .sequential import Goal, Until, with_controls
 from .sessions import Batch
-from .stage import Stage, drawing, stages
-from .store import Store, fingerprint, without_version
+from .stage import Stage, Task, drawing, missing, stages
+from .store import Store, batch_words, fingerprint, without_version
 
 if TYPE_CHECKING:
     import xarray
 
-# What moves numbers, but no draws; see `sessions`.
-_SETTINGS = ("jax_enable_x64", "jax_default_matmul_precision")
+Found = Mapping[str, Result]  # by techniques' fingerprints
+
 _ENDLESS = 2**31 - 1  # sessions, for a study that stops when it is sure
 
 
 class Run:
-    """One call of `Study.run`."""
+    """One call of `Study.run`, or a cell of a sweep, whose result is not written."""
 
     def __init__(
         self,
@@ -55,15 +59,19 @@ class Run:
         *,
         omit_failed: bool,
         overwrite: bool,
+        executor: futures.Executor | None = None,
+        in_flight: int = 1,
+        is_cell: bool = False,
     ):
+        self.executor, self.in_flight, self.is_cell = executor, in_flight, is_cell
         self.study, self.seed, self.tell, self.goal = study, seed, progress, goal
         self.out = None if out is None else Path(out)
         self.sessions = drawing(study, seed)(study.sessions)
         self.batch_size = min(batch_size, self.sessions.count)
         self.definition = definition(study, seed, goal)
-        if self.out is not None and not overwrite:
+        if not (self.out is None or is_cell or overwrite):
             most = self.sessions.count if goal == Goal() else _ENDLESS
-            check_contains(self.out / "result.nc", self.definition, most)
+            check_contains(self.out, self.definition, most)
         if unknown := sorted(set(without_version(study))):
             # What such a class computes with may have changed since it was compiled.
             forget_checks()
@@ -74,40 +82,70 @@ class Run:
         common = [study.display, study.head, study.metrics]
         kept = None if without_version(common) else self.out
         self.store = Store(kept)
+        self.failed: set[int] = set()
         self.failures = Failures(omit_failed, float(study.margin_deg), kept)
         self.stages = stages(study, seed, self.batch_size)
-        self.identity = fingerprint(
-            [MODEL_VERSION, jax.__version__, jax.devices()[0].device_kind, seed],
-            [str(getattr(jax.config, name)) for name in _SETTINGS],
-            [study.display, study.head, study.frames, study.warmup, study.measure],
-            [study.oversampling, float(study.margin_deg), study.metrics],
-        )
+        self.identity = numbers_key(study, seed)
+        self.known = attributes(study, seed, fingerprint(self.identity, study))
+        if not (kept is None or is_cell):
+            write_manifest(kept, study, self.definition, self.known)
 
     def dataset(self) -> "xarray.Dataset":
         """Run what is missing and gather everything."""
-        study, count = self.study, self.sessions.count
-        measured, ran = self._nothing(count)
-        done = fresh = 0
-
-        def tell(doing: str) -> None:
-            self.tell(Progress(done, ran.size, doing, fresh, unit="simulations"))
-
+        measured, ran = self._nothing(self.sessions.count)
         for s, stage in enumerate(self.stages):
-            name, source = stage.name, functools.cache(stage.source)
-            tell(name)
-            sessions = stage.sessions(count)
-            for start in range(0, count, self.batch_size):
-                batch = sessions.batch(start, self.batch_size)
-                here = slice(start, start + batch.size)
-                found, new = self._measured(stage, source, batch)
-                for k, places in enumerate(stage.places.values()):
-                    measured[:, places, s, here] = found[:, k, None]
-                ran[:, s, here] = True
-                done += batch.size * len(study.techniques)
-                fresh += batch.size * new
-                tell(name)
-                self._check(measured, ran)
-        return self._gathered(measured, ran)
+            if self._is_kept(stage):
+                for start, found in self.store.found(stage.name, self._key(stage)):
+                    self._fill(measured, ran, s, start, found)
+        for path in self.store.damaged:
+            self.tell(Progress(line=f"Damaged, and run again: {path}"))
+        self._check(measured, ran)
+        before = done = int(ran.sum())
+
+        def tell(stage: Stage) -> None:
+            fresh = done - before
+            event = Progress(done, ran.size, stage.name, fresh, unit="simulations")
+            self.tell(event)
+
+        tell(self.stages[0])
+        tasks = missing(self.stages, ran, self.batch_size)
+        with contextlib.closing(self._results(tasks, tell)) as finished:
+            for task, values in finished:
+                stage = self.stages[task.stage]
+                found = dict(zip(task.techniques, values, strict=True))
+                self._keep(stage, task.start, found)
+                self._fill(measured, ran, task.stage, task.start, found)
+                rows = sum(len(stage.places[key]) for key in task.techniques)
+                done += rows * task.size
+                tell(stage)
+                here = slice(task.start, task.start + task.size)
+                self._check(measured, ran, here)
+        return self._gathered(measured)
+
+    def _results(
+        self, tasks: Iterator[Task], tell: Callable[[Stage], None]
+    ) -> Finished:
+        """Run batches; yield each with its results by technique."""
+        if self.executor is None:
+            return in_process(self.stages, self.sessions.count, tasks, tell)
+
+        @functools.lru_cache(maxsize=1)
+        def definition(stage: int) -> Definition:
+            name = self.stages[stage].name
+            return defined(self.study, name, self.seed, self.batch_size)
+
+        return elsewhere(self.executor, self.in_flight, tasks, definition)
+
+    def _fill(
+        self, measured: np.ndarray, ran: np.ndarray, s: int, start: int, found: Found
+    ) -> None:
+        """Put results from a session on where they belong; there may be too many."""
+        for key in found.keys() & self.stages[s].places.keys():
+            values = self._values([found[key]])[..., : max(ran.shape[-1] - start, 0)]
+            here = slice(start, start + values.shape[-1])
+            for place in self.stages[s].places[key]:
+                measured[:, place, s, here] = values[:, 0]
+                ran[place, s, here] = True
 
     def until(self) -> "xarray.Dataset":
         """Run each scene until its goal is reached."""
@@ -140,7 +178,7 @@ class Run:
         self._check(measured, ran)
         shape = measured.shape[1:]
         return self._gathered(
-            measured, ran, with_controls(found, plans, goal, places, shape)
+            measured, with_controls(found, plans, goal, places, shape)
         )
 
     def _until(self, stage: Stage) -> Until:
@@ -162,7 +200,7 @@ class Run:
         named = {one.name: one for one in self.stages}
 
         def simulate(name: str, source: AbstractSource, batch: Batch) -> Measured:
-            return self._measured(named[name], lambda: source, batch)[0]
+            return self._measured(named[name], source, batch)
 
         endless = stage.sessions(_ENDLESS)
         sampler = Sampler(techniques, endless, paths, controls, simulate, self.tell)
@@ -179,47 +217,59 @@ class Run:
         shape = (len(self.study.techniques), len(self.study.scenes), count)
         return np.full((len(self.study.metrics), *shape), np.nan), np.zeros(shape, bool)
 
-    def _measured(
-        self, stage: Stage, source: Callable[[], AbstractSource], batch: Batch
-    ) -> tuple[Measured, int]:
-        """Measure a batch, or find it; and how many techniques were measured anew."""
+    def _measured(self, stage: Stage, source: AbstractSource, batch: Batch) -> Measured:
+        """Measure a batch, or find it."""
+        found: dict[str, Result] = {}
         # The pilot is timed, so it is always run.
-        is_timed = batch.start >= PILOT_START
-        kept = not (is_timed or without_version(stage.scene))
-        key = fingerprint(self.identity, stage.key, batch.start, batch.size)
-        file = f"{stage.name}-{batch.start}"
-        found = self.store.find(file, key) if kept else {}
-        missing = [key for key in stage.techniques if key not in found]
-        if missing:
-            lacking = [stage.techniques[key] for key in missing]
-            results = stage.runner.run(lacking, source(), batch)
-            new = dict(zip(missing, results, strict=True))
+        is_kept = self._is_kept(stage) and batch.start < PILOT_START
+        if is_kept:
+            words = batch_words(batch.start, batch.size)
+            for _, some in self.store.found(stage.name, self._key(stage), words):
+                found |= some
+        lacking = [key for key in stage.techniques if key not in found]
+        if lacking:
+            techniques = [stage.techniques[key] for key in lacking]
+            measured = stage.runner.run(techniques, source, batch)
+            new = dict(zip(lacking, measured, strict=True))
+            if is_kept:
+                self._keep(stage, batch.start, new)
             found |= new
-            new = {
-                k: new[k] for k in missing if not without_version(stage.techniques[k])
-            }
-            if kept and new:
-                self.store.keep(file, key, new)
+        return self._values([found[key] for key in stage.techniques])
+
+    def _values(self, found: Sequence[Result]) -> Measured:
+        """Return what is averaged of each metric, of techniques: no decibels."""
         values = []
         for metric in self.study.metrics:
-            each = [found[key].metrics[metric.id] for key in stage.techniques]
+            each = [result.metrics[metric.id] for result in found]
             values.append(power_of(each) if metric.is_in_decibels else each)
-        return np.asarray(values, float), sum(len(stage.places[k]) for k in missing)
+        return np.asarray(values, float)
 
-    def _check(self, measured: np.ndarray, ran: np.ndarray) -> None:
-        """Stop if too many sessions failed so far."""
-        count, done = ran.shape[-1], int(ran.any(axis=(0, 1)).sum())
-        words = "sessions" if done == count else f"sessions ({done} run so far)"
-        self.failures.check(self._failed(measured, ran), count, words)
+    def _key(self, stage: Stage) -> str:
+        return fingerprint(self.identity, stage.key)
 
-    def _failed(self, measured: np.ndarray, ran: np.ndarray) -> list[int]:
-        """Sessions that were run and gave a number that is not finite anywhere."""
-        is_bad = ran & ~np.isfinite(measured).all(axis=0)
-        return [int(i) for i in np.flatnonzero(is_bad.any(axis=(0, 1)))]
+    def _is_kept(self, stage: Stage) -> bool:
+        return not without_version(stage.scene)
 
-    def _gathered(
-        self, measured: np.ndarray, ran: np.ndarray, controls: Any = None
-    ) -> "xarray.Dataset":
+    def _keep(self, stage: Stage, start: int, found: Found) -> None:
+        """Write what a later run may find."""
+        known = stage.techniques
+        kept = {k: v for k, v in found.items() if not without_version(known[k])}
+        if kept and self._is_kept(stage):
+            self.store.keep(stage.name, self._key(stage), start, kept)
+
+    def _check(
+        self, measured: np.ndarray, ran: np.ndarray, here: slice = slice(None)
+    ) -> None:
+        """Stop if too many sessions failed so far; only some of them are new."""
+        is_bad = ran[..., here] & ~np.isfinite(measured[..., here]).all(axis=0)
+        new = (here.start or 0) + np.flatnonzero(is_bad.any(axis=(0, 1)))
+        self.failed.update(new.tolist())
+        if self.failed:
+            count, done = ran.shape[-1], int(ran.any(axis=(0, 1)).sum())
+            words = "sessions" if done == count else f"sessions ({done} run so far)"
+            self.failures.check(sorted(self.failed), count, words)
+
+    def _gathered(self, measured: np.ndarray, controls: Any = None) -> "xarray.Dataset":
         count = self.sessions.count
         rotation_deg, wide = np.zeros(count), 0
         runners = {stage.runner: stage for stage in self.stages}
@@ -234,20 +284,18 @@ class Run:
             turn = np.degrees(np.asarray(batch.motion.increment))[:, 1:]
             square = np.mean(np.sum(turn**2, axis=-1), axis=-1)
             rotation_deg[start : start + batch.size] = np.sqrt(square)
-        known = attributes(
-            self.study, self.seed, fingerprint(self.identity, self.study)
-        )
         how = {
             "definition": json.dumps(self.definition),
-            "failed_sessions": json.dumps(self._failed(measured, ran)),
+            "failed_sessions": json.dumps(sorted(self.failed)),
             "omit_failed": int(self.failures.omit),
             "wide_halo_sessions": wide,
         }
         subjects = self.sessions.subjects
-        dataset = gathered(self.study, measured, rotation_deg, subjects, known | how)
+        known = self.known | how
+        dataset = gathered(self.study, measured, rotation_deg, subjects, known)
         if controls is not None:
             dataset = dataset.assign(controls["variables"])
             dataset = dataset.assign_attrs(controls["attributes"])
-        if self.out is not None:
+        if not (self.out is None or self.is_cell):
             write_dataset(dataset, self.out / "result.nc")
         return dataset

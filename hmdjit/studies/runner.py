@@ -30,7 +30,8 @@ Techniques = Sequence[AbstractTechnique]
 class Runner:
     """Runs batches of a study; decides how wide their halos are.
 
-    `moving`: the source, where techniques follow what moves in it.
+    `moving`: the source, where techniques follow what moves in it; `least_halo_px`: no
+    halo is narrower.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Runner:
         reading: Reading | None = None,
         metrics: Sequence[AbstractMetric] = STANDARD,
         moving: AbstractSource | None = None,
+        least_halo_px: int = 0,
     ):
         self.reading = fastest_reading() if reading is None else reading
         self.camera, self.warmup, self.batch_size = camera, warmup, batch_size
@@ -53,7 +55,9 @@ class Runner:
         self._usual_halo: dict[str, int] = {}
         for technique in techniques:
             check_hints(technique)
-            need = int(np.max(self._needed_halo(technique, pilot)))
+            need = int(
+                np.max(self._needed_halo(technique, pilot), initial=least_halo_px)
+            )
             self._usual_halo[fingerprint(technique)] = -(-need // 4) * 4
 
     def run(
@@ -64,7 +68,7 @@ class Runner:
         They share each session's frames, so several at once cost little more than one.
         """
         halo = self.halo(techniques, batch)
-        usual = self._usual(techniques)
+        usual = self.usual_halo(techniques)
         # Everyone runs with the usual halo, to compile once per set of techniques; the
         # few that need a wider one run again, eight at a time.
         found = self._dispatch(
@@ -88,7 +92,7 @@ class Runner:
     ) -> Int[np.ndarray, " sessions"]:
         """Halo of each session, px: the usual one, doubled until it suffices."""
         need = np.max([self._needed_halo(t, batch) for t in techniques], axis=0)
-        halo = np.full(batch.size, self._usual(techniques))
+        halo = np.full(batch.size, self.usual_halo(techniques))
         while (short := halo < need).any():
             halo[short] = np.maximum(2 * halo[short], 4)
         return halo
@@ -97,9 +101,10 @@ class Runner:
         self, techniques: Techniques, batch: Batch
     ) -> Bool[np.ndarray, " sessions"]:
         """Which sessions of a batch need more than the usual halo."""
-        return self.halo(techniques, batch) > self._usual(techniques)
+        return self.halo(techniques, batch) > self.usual_halo(techniques)
 
-    def _usual(self, techniques: Techniques) -> int:
+    def usual_halo(self, techniques: Techniques) -> int:
+        """Halo that all sessions are run with first, px."""
         return max(self._usual_halo[fingerprint(technique)] for technique in techniques)
 
     def _needed_halo(

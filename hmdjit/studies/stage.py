@@ -6,7 +6,12 @@ that a neck moves, and each technique is its own.
 """
 
 import dataclasses
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
 
 from ..frames.sources import AbstractSource
 from ..scenes.baking import bake
@@ -49,6 +54,32 @@ class Stage:
     def is_solid(self) -> bool:
         """Whether it is seen as it is, and not baked."""
         return isinstance(self.scene, AbstractSource)
+
+
+class Task(NamedTuple):
+    """A batch: scene, first session, how many, and techniques by fingerprint."""
+
+    stage: int
+    start: int
+    size: int
+    techniques: tuple[str, ...]
+
+
+def missing(
+    stages: Sequence[Stage],
+    ran: Bool[np.ndarray, "technique scene session"],
+    batch_size: int,
+) -> Iterator[Task]:
+    """Name the batches that were not run yet, scene by scene."""
+    for s, stage in enumerate(stages):
+        keys = np.array(list(stage.techniques))
+        lacks = ~ran[[places[0] for places in stage.places.values()], s]
+        starts = np.flatnonzero((lacks[:, 1:] != lacks[:, :-1]).any(axis=0)) + 1
+        for first, stop in itertools.pairwise([0, *starts.tolist(), lacks.shape[1]]):
+            chosen = lacks[:, first]
+            for start in range(first, stop, batch_size) if chosen.any() else ():
+                size = min(batch_size, stop - start)
+                yield Task(s, start, size, tuple(keys[chosen].tolist()))
 
 
 def drawing(
@@ -104,6 +135,7 @@ def stages(study: StudyDefinition, seed: int, batch_size: int) -> list[Stage]:
                 accurate if solid else usual,
                 study.metrics,
                 moving=moving,
+                least_halo_px=study.shapes[1 + solid],
             )
         return known[kind]
 
@@ -124,13 +156,14 @@ def stages(study: StudyDefinition, seed: int, batch_size: int) -> list[Stage]:
             places,
             runner(scene, techniques),
             drawing(study, seed, is_solid=solid),
-            lambda: placed(_source(study, scene)),
+            lambda: placed(source_of(study, scene)),
         )
 
     return [stage(name, scene) for name, scene in study.scenes.items()]
 
 
-def _source(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
+def source_of(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
+    """Make what is rendered of a scene."""
     if isinstance(scene, AbstractSource):
         return scene
     return bake(
@@ -138,4 +171,5 @@ def _source(study: StudyDefinition, scene: StudyScene) -> AbstractSource:
         study.display,
         oversampling=study.oversampling,
         margin_deg=study.margin_deg,
+        least_margin_px=study.shapes.margin_px,
     )

@@ -1,7 +1,10 @@
 """Finished batches on disk: written whole or not at all, found again by their content.
 
-A batch's key is a hash of everything that decides its numbers. A study that is run
-again, or made longer, therefore finds what it has and computes only what it lacks.
+A key is a hash of everything that decides a scene's numbers, but for which sessions
+they are of: these are in the names of its files. A study that is run again, or made
+longer, therefore finds what it has and computes only what it lacks. A name also has a
+SHA-256 of the content: a file that is truncated, altered or renamed counts as
+unfinished.
 
 The code of the package is what the model's version stands for. No hash knows all that
 a class of a user's own computes with (helper functions, constants, parents): batches
@@ -9,13 +12,12 @@ of one are kept only if the class itself, or a function, has a `version`, anythi
 is changed whenever what it computes changes.
 """
 
-import contextlib
 import dataclasses
 import glob
 import hashlib
+import io
 import re
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,36 +112,51 @@ class Store:
     A file holds what one dispatch measured, of one technique or several. A technique
     that is added to a study later is measured alone, into a file of its own; its halo
     may be another than beside others, which moves it by less than `HALO_TOLERANCE`.
+
+    `damaged`: files that were found not to be what they were written as.
     """
 
     def __init__(self, folder: Path | None):
         self._folder = None if folder is None else folder / "batches"
+        self.damaged: list[Path] = []
+        # Made once: a folder that vanishes meanwhile is an error, and no new one.
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
 
-    def find(self, name: str, key: str) -> dict[str, Result]:
-        """Return what is known of a batch, by the techniques' fingerprints.
+    def found(
+        self, name: str, key: str, sessions: str = "*"
+    ) -> Iterator[tuple[int, dict[str, Result]]]:
+        """Read what is known of a scene, a file at a time.
 
-        A file that cannot be read counts as unfinished.
+        **Arguments:** `sessions`: of which batch, as `batch_words`.
+
+        **Returns:** the first session of each, and results by fingerprints of
+        techniques.
         """
-        found: dict[str, Result] = {}
         if self._folder is None:
-            return found
-        for path in sorted(self._folder.glob(f"{glob.escape(_stem(name, key))}-*.npz")):
-            with (
-                contextlib.suppress(
-                    OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile
-                ),
-                open(path, "rb") as raw,
-                np.load(raw) as file,
-            ):
-                values: dict[str, dict[str, np.ndarray]] = {}
+            return
+        stem = glob.escape(_stem(name, key))
+        for path in sorted(self._folder.glob(f"{stem}-{sessions}-*.npz")):
+            try:
+                content = path.read_bytes()
+            except OSError:
+                content = b""
+            words, _, digest = path.stem.rpartition("-")
+            if digest != _digest(words, content):
+                self.damaged.append(path)
+                continue
+            values: dict[str, dict[str, np.ndarray]] = {}
+            with np.load(io.BytesIO(content)) as file:
                 for entry in file.files:
                     technique, metric = entry.split(".", 1)
                     values.setdefault(technique, {})[metric] = file[entry]
-                found |= {key: Result(metrics) for key, metrics in values.items()}
-        return found
+            results = {key: Result(metrics) for key, metrics in values.items()}
+            yield int(words.split("-")[-2]), results
 
-    def keep(self, name: str, key: str, results: Mapping[str, Result]) -> None:
-        """Write what a dispatch measured, by the techniques' fingerprints."""
+    def keep(
+        self, name: str, key: str, start: int, results: Mapping[str, Result]
+    ) -> None:
+        """Write what a dispatch measured from a session on, by the techniques."""
         if self._folder is None:
             return
         values = {
@@ -147,10 +164,23 @@ class Store:
             for technique, result in results.items()
             for metric, value in result.metrics.items()
         }
-        of_whom = fingerprint(sorted(results))[:8]
-        path = self._folder / f"{_stem(name, key)}-{of_whom}.npz"
-        with written_atomically(path) as unfinished, open(unfinished, "wb") as file:
-            np.savez(file, allow_pickle=False, **values)
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, **values)
+        size = len(next(iter(values.values())))
+        words = f"{_stem(name, key)}-{batch_words(start, size)}"
+        digest = _digest(words, content.getvalue())
+        path = self._folder / f"{words}-{digest}.npz"
+        with written_atomically(path, makes_folder=False) as unfinished:
+            unfinished.write_bytes(content.getvalue())
+
+
+def batch_words(start: int, size: int) -> str:
+    """Name a batch of sessions."""
+    return f"{start}-{size}"
+
+
+def _digest(words: str, content: bytes) -> str:
+    return hashlib.sha256(words.encode() + content).hexdigest()[:32]
 
 
 def _stem(name: str, key: str) -> str:

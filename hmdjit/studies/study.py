@@ -2,12 +2,14 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent import futures
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _checks
 from ..head_motion import HeadMotion
+from . import executors
 from .definition import StudyDefinition, check_seed
 from .progress import Tell
 from .run import Run
@@ -42,6 +44,7 @@ class Study(StudyDefinition):
       that detail loss is measured against, and of how many measured frames the first
       one is held against it. Its own noise adds to the loss: with 16 rays 5 % of one of
       10 code values squared (4 rays: 50 %); every third frame is as sure as all ten.
+    - `shapes`: least sizes of what is compiled; a `Sweep` sets them.
     """
 
     def run(
@@ -56,6 +59,8 @@ class Study(StudyDefinition):
         omit_failed: bool = False,
         overwrite: bool = False,
         progress: Tell = lambda event: None,
+        executor: futures.Executor | None = None,
+        in_flight: int | None = None,
     ) -> "xarray.Dataset":
         """Run the study, or go on with it.
 
@@ -81,18 +86,31 @@ class Study(StudyDefinition):
         - `overwrite`: whether a `result.nc` of another study in `out` is replaced. One
           that this study contains always is.
         - `progress`: called before and after each batch.
+        - `executor`: runs the batches elsewhere, as a `ProcessPoolExecutor`, Dask's or
+          MPI's; None runs them here. Does not change a bit. Only this process writes.
+        - `in_flight`: batches that an executor is given at a time; by default two for
+          each worker, where it says how many it has, else 64.
 
         **Returns:** each metric over technique, scene and session, NaN where a session
         failed, or was not needed of a technique in a scene; the attributes say what was
         run. `estimates.summary.summarize` makes the estimates.
 
         **Errors:** `FailedSessionsError` if sessions give no finite number, unless
-        they are left out; `KeyboardInterrupt`. Both leave all finished batches in
+        they are left out; `LostWorkersError` if an executor's workers die again and
+        again; `KeyboardInterrupt`. All leave all finished batches in
         `out`, for the next run. `ValueError` where a result of another study lies.
         """
         check_seed(seed)
         _checks.whole("batch_size", batch_size, 1)
         goal = self.goal(tolerance, budget_s, repeat)
+        if executor is not None and goal != Goal():
+            raise ValueError(
+                "workers need a number of sessions: what a tolerance, a budget or "
+                "repeat runs next follows from what was run."
+            )
+        if in_flight is None:
+            in_flight = executors.in_flight(executor)
+        _checks.whole("in_flight", in_flight, 1)
         size = batch_size if goal == Goal() else CHUNK
         run = Run(
             self,
@@ -103,6 +121,8 @@ class Study(StudyDefinition):
             goal,
             omit_failed=omit_failed,
             overwrite=overwrite,
+            executor=executor,
+            in_flight=in_flight,
         )
         return run.dataset() if goal == Goal() else run.until()
 

@@ -68,6 +68,11 @@ class AbstractTechnique(eqx.Module):
         return bool(self.sample_offsets_px.any())
 
     @property
+    def reads_static_mask(self) -> bool:
+        """Whether it reads `Frame.static_mask`; `apply` refuses a mask if not."""
+        return False
+
+    @property
     def reads_steps(self) -> bool:
         """Whether it reads `Frame.steps`, so that no velocity stands for them."""
         return False

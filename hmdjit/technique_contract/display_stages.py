@@ -134,6 +134,11 @@ class Displayed(AbstractTechnique):
         return self.technique.reads_supersampled
 
     @property
+    def reads_static_mask(self) -> bool:
+        """As the technique."""
+        return self.technique.reads_static_mask
+
+    @property
     def reads_jitter(self) -> bool:
         """As the technique."""
         return self.technique.reads_jitter

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import _checks, sample_patterns
-from .._types import Mask, Planes, Rgb, Scalar
+from .._types import Planes, Rgb, Scalar
 from ..filters import running_mean, same_surface, temporal
 from ..frames.displacement import AnyDisplacement
 from ..frames.frame import Frame
 from ..frames.motion import Motion
 from ..frames.sources import History
-from ..technique_contract.base import AbstractTemporal
+from ..technique_contract.base import AbstractTemporal, mean_of_samples
 
 _CELLS = ((0, 0), (1, 1), (0, 1), (1, 0))  # (row, column) of sub-pixels, by turns
 
@@ -44,14 +44,12 @@ class Amortized(AbstractTemporal):
     The first frame is such a history, too.
 
     With sub-pixels, each pixel has 2 x 2, centred a quarter pixel from its centre and
-    together a picture of twice the size. Colour and age of all four come from there,
-    bilinearly (a tent of half a pixel), at their own centres minus the pixel's v; what
-    is off screen, or of other depth, is told by the pixel. Then one of the four takes
-    the sample in by the formulas above, but with fx and fy as fractions of a sub-pixel
-    (b px^2 are added over the four frames of a turn); the others stay as they were
-    read. It is that in whose quadrant the sample lies, the right or lower one on a tie;
-    without jitter the (k mod 4)th of upper left, lower right, upper right, lower left.
-    Shown is the mean of the four.
+    together a picture of twice the size, where colour and age of all four are read
+    bilinearly, at their own centres minus the pixel's v; rejected as the pixel is. Then
+    that one takes the sample in, by the formulas above in sub-pixels (b px^2 are added
+    over four frames), in whose quadrant the sample lies, the right or lower one on a
+    tie; without jitter the (k mod 4)th of upper left, lower right, upper right, lower
+    left. Shown is the mean of the four.
 
     - `subpixel`: whether there are sub-pixels.
     - `blur_limit_px2`: largest variance that resampling may add, px^2; above 0.
@@ -104,68 +102,48 @@ class Amortized(AbstractTemporal):
 
     def init(self, frame: Frame) -> Kept:
         """Keep the frame, at age 0."""
-        cells = 2 if self.subpixel else 1
-        pixels = jnp.broadcast_to(_new(frame), (cells, cells, *_new(frame).shape))
-        return Kept(History(pixels), _nearness(frame), jnp.int32(0))
+        cells, new = 2 if self.subpixel else 1, _new(frame)
+        pixels = jnp.broadcast_to(new, (cells, cells, *new.shape))
+        return Kept(History(pixels), History.of(1 / frame.depth[None]), jnp.int32(0))
 
     def step(self, state: Kept, frame: Frame, motion: Motion) -> tuple[Kept, Rgb]:
         """Take the sample into the running mean."""
-        at = frame.reprojection(motion)
-        is_same = same_surface.has_depth(state.nearness, at, frame.depth)
-        is_past = at.inside() & is_same
-        if not self.subpixel:
-            pixels = self._taken(self._past(state, at, frame, is_past), at, frame)
-            texels, shown = pixels[None, None], pixels[:3]
+        at, new, turn = frame.reprojection(motion), _new(frame), _turn(state, frame)
+        is_past = same_surface.has_depth(state.nearness, at, frame.depth) & at.inside()
+
+        def past(there: AnyDisplacement) -> Planes:
+            shown = temporal.past(state.pixels, there, new, clamps=True)
+            return jnp.where(is_past, shown, new)
+
+        def taken(past: Planes, by: AnyDisplacement) -> Planes:
+            limits = self.blur_limit_px2, self.min_weight
+            return running_mean.with_sample(past, frame.color[0], by, *limits)
+
+        def cell(row: int, column: int) -> Planes:
+            # From texel (0, 0), half a pixel per texel; at first all four are alike.
+            there = at.changed(lambda dx: dx + column / 2, lambda dy: dy + row / 2)
+            twice = at.changed(lambda dx: 2 * dx, lambda dy: 2 * dy)
+            is_turn, was = (turn == jnp.array([row, column])).all(), past(there)
+            return jnp.where(is_turn, taken(was, twice), was)
+
+        if self.subpixel:
+            rows = [jnp.stack([cell(j, i) for i in (0, 1)]) for j in (0, 1)]
         else:
-            rows = [
-                [self._cell((j, i), state, at, frame, is_past) for i in (0, 1)]
-                for j in (0, 1)
-            ]
-            texels = jnp.stack([jnp.stack(row) for row in rows])
-            shown = (texels[0, 0] + texels[0, 1] + texels[1, 0] + texels[1, 1])[:3] / 4
-        return Kept(History(texels), _nearness(frame), state.frame + 1), shown
+            rows = [taken(past(at), at)[None]]
+        texels = jnp.stack(rows)
+        shown = mean_of_samples(texels.reshape(-1, *new.shape)[:, :3], "gamma")
+        return Kept(
+            History(texels), History.of(1 / frame.depth[None]), state.frame + 1
+        ), shown
 
-    def _past(
-        self, state: Kept, at: AnyDisplacement, frame: Frame, is_past: Mask
-    ) -> Planes:
-        """Colour and age where each pixel was."""
-        new = _new(frame)
-        past = temporal.past(state.pixels, at, new, clamps=True)
-        return jnp.where(is_past, past, new)
 
-    def _taken(self, past: Planes, at: AnyDisplacement, frame: Frame) -> Planes:
-        """Take the sample into a past; colour and age."""
-        limits = self.blur_limit_px2, self.min_weight
-        return running_mean.with_sample(past, frame.color[0], at, *limits)
-
-    def _cell(
-        self,
-        cell: tuple[int, int],
-        state: Kept,
-        at: AnyDisplacement,
-        frame: Frame,
-        is_past: Mask,
-    ) -> Planes:
-        """Sub-pixel of each pixel after this frame."""
-        row, column = cell
-        # From texel (0, 0) of a pixel, half a pixel per texel. Before the first frame
-        # all four are alike, and may be read as if the first were meant.
-        there = at.changed(lambda dx: dx + column / 2, lambda dy: dy + row / 2)
-        past = self._past(state, there, frame, is_past)
-        if frame.jitter_px is None:
-            is_turn = state.frame % 4 == _CELLS.index(cell)
-        else:
-            right, lower = frame.jitter_px >= 0
-            is_turn = (right == bool(column)) & (lower == bool(row))
-        twice = at.changed(lambda dx: 2 * dx, lambda dy: 2 * dy)
-        return jnp.where(is_turn, self._taken(past, twice, frame), past)
+def _turn(state: Kept, frame: Frame) -> Int[Array, "2"]:
+    """Row and column of the sub-pixel that takes the sample."""
+    if frame.jitter_px is None:
+        return jnp.array(_CELLS, jnp.int32)[state.frame % 4]
+    return (frame.jitter_px[::-1] >= 0).astype(jnp.int32)
 
 
 def _new(frame: Frame) -> Float[Array, "4 height width"]:
     """Colour of a frame at age 0."""
-    color = frame.color[0]
-    return jnp.concatenate([color, jnp.zeros_like(color[:1])])
-
-
-def _nearness(frame: Frame) -> History:
-    return History.of(1 / frame.depth[None])
+    return jnp.concatenate([frame.color[0], jnp.zeros_like(frame.color[0, :1])])

@@ -119,8 +119,12 @@ class HeadMovement(AbstractTechnique):
     @property
     def sample_offsets_px(self) -> Float[np.ndarray, "period samples 2"]:
         """Samples of `resolve`, or one in the centre."""
-        spatial = self.resolve or super()
-        return spatial.sample_offsets_px
+        return (self.resolve or super()).sample_offsets_px
+
+    @property
+    def reads_static_mask(self) -> bool:
+        """Where the scene is not static, the frame is shown."""
+        return True
 
     @property
     def reads_supersampled(self) -> bool:
@@ -188,10 +192,7 @@ class HeadMovement(AbstractTechnique):
         weights = self._normalized_weights()
         is_blended = self.has_past(frame, past)
         # Masked before they are weighted, so that gradients of the weights are, too.
-        samples = [
-            blending.usable(state.at(position), current, is_blended)
-            for position in past
-        ]
+        samples = [blending.usable(state.at(p), current, is_blended) for p in past]
         history = blending.past_color(samples, weights)
         if self.dynamic == "frames":
             is_moving = dynamic_regions.unexplained(current, history)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .. import _checks, color, sample_patterns
+from .. import _checks, sample_patterns
 from .._types import Rgb
 from ..filters import aliasing, neighborhood, same_surface, temporal
 from ..filters.aliasing import Intermediates
@@ -110,9 +110,7 @@ class SobelTAA(AbstractTemporal):
             return temporal.clip_to_center(seen.past, box)
 
         past = neighborhood.apart(clipped, seen.current)
-        lumas = color.to_ycocg(seen.current)[0], color.to_ycocg(past)[0]
-        weight = temporal.feedback_weight(*lumas, *temporal.THESIS_FEEDBACK)
-        shown = seen.current + weight[None] * (past - seen.current)
+        shown = temporal.thesis_blend(seen.current, past)
         kept = jnp.concatenate([shown, seen.temporal_sobel[None]])
         state = Kept(History.of(kept), History.of(seen.depth[None]))
         return state, Sharpening().show(shown, frame, motion)
@@ -128,18 +126,14 @@ class SobelTAA(AbstractTemporal):
         current = temporal.unjittered(frame.color[0], frame.jitter_px)
         now = jnp.concatenate([current, edges[:, 1:-1, 1:-1]])
         past = temporal.past(state.shown, at, now, clamps=clamps)
-        box = neighborhood.rounded_box(edges, margin_px=1)
-        weight = temporal.feedback_weight(now[3], past[3], *temporal.THESIS_FEEDBACK)
-        kept = jnp.clip(past[3], box.low[0], box.high[0])
         temporal_sobel = neighborhood.apart(
-            lambda: now[3] + weight * (kept - now[3]), current
+            lambda: aliasing.temporal_edges(edges, past[3]), current
         )
 
-        ids = neighborhood.shifted_nearest(
-            frame.object_id, frame.content_px, margin_px=1
-        )
+        beside = {"by_px": frame.content_px, "margin_px": 1}
+        ids = neighborhood.shifted_nearest(frame.object_id, **beside)
         models = aliasing.differing_share(ids, depth.dtype)
-        depths = neighborhood.shifted_nearest(depth, frame.content_px, margin_px=1)
+        depths = neighborhood.shifted_nearest(depth, **beside)
         depth = depths[1:-1, 1:-1]
         if self.depth_history == "reprojected":
             (past_depth,) = same_surface.nearest(state.depth, at)
@@ -147,8 +141,7 @@ class SobelTAA(AbstractTemporal):
             past_depth = jnp.where(is_known, past_depth, depth)
         else:
             (past_depth,) = state.depth.under(frame.region)
-        varies, past_varies = aliasing.depth_terms(depths, past_depth, self.depth_range)
-        terms = models, varies, past_varies
+        terms = models, *aliasing.depth_terms(depths, past_depth, self.depth_range)
         *terms, aliased = neighborhood.apart(
             lambda: (*terms, aliasing.aliased_value(temporal_sobel, *terms)), current
         )

@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from .. import _checks, color, sample_patterns
+from .. import _checks, sample_patterns
 from .._types import Rgb
 from ..filters import neighborhood, temporal
 from ..frames.frame import Frame
@@ -77,7 +77,5 @@ class ThesisBaseline(AbstractTemporal):
         past = temporal.past(state, at, current, clamps=self.off_screen == "clamp")
         box = neighborhood.rounded_box(around, margin_px=1)
         past = temporal.clip_to_center(past, box)
-        lumas = color.to_ycocg(current)[0], color.to_ycocg(past)[0]
-        weight = temporal.feedback_weight(*lumas, *temporal.THESIS_FEEDBACK)
-        kept = current + weight[None] * (past - current)
+        kept = temporal.thesis_blend(current, past)
         return History.of(kept), Sharpening("xu").show(kept, frame, motion)

@@ -1,0 +1,1 @@
+"""Pages to forward: one HTML file of a study, or of frames rendered elsewhere."""
