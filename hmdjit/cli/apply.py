@@ -49,6 +49,8 @@ class ApplyCommand(ChannelFolders, PoseLog):
     whether the poses fit: reprojection by them must bring each frame onto the last.
     Frames go by the number in their names, with its fraction; alpha is ignored. Former
     displayed frames in the same folder are replaced, other pictures and folders never.
+
+    For example: hmdjit apply head_movement FRAMES_DIR POSES.csv --fov 96
     """
 
     technique: Annotated[

@@ -21,6 +21,8 @@ class ReportCommand:
     Answer, tables, figures with their numbers, flicker maps, a viewer of techniques
     side by side, spectra and heads. What is displayed is of one session, simulated
     anew.
+
+    For example: hmdjit report hmdjit-study
     """
 
     folder: Annotated[

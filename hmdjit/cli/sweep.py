@@ -46,6 +46,8 @@ class SweepCommand(Options):
     as `fov = { from = 80, to = 110, steps = 4 }`: four values, both ends included. What
     only changes numbers is compiled once for the whole grid. An interrupted sweep goes
     on where it stopped when the same command is run again.
+
+    For example: hmdjit sweep SWEEP.toml
     """
 
     definition: tyro.conf.Positional[
