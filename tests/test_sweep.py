@@ -174,6 +174,11 @@ def test_all_of_a_sweep_is_checked_first(untyped):
             lambda baseline: cell(baseline=baseline),
             {"baseline": ["none", "head_movement"]},
         )
+    trace = hj.Trace(np.arange(90) / 60.0, np.tile([1.0, 0, 0, 0], (90, 1)))
+    with pytest.raises(ValueError, match=r"'drawn heads'.*'recorded heads'"):
+        hj.Sweep(
+            lambda head: small.study(head=head), {"head": [SEATED, hj.Replay((trace,))]}
+        )
 
 
 SWEEP = """
@@ -251,6 +256,22 @@ def test_wrong_sweeps_are_told_in_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(message, line), line
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("axis", "option"),
+    [
+        ("head = ['seated', 'fixating']", ["--trace", "me.csv"]),
+        ("tiles = [1, 2]", ["--crop", "32"]),
+        ("fov = [8, 9]", ["--fov", "8"]),
+    ],
+)
+def test_no_option_replaces_an_axis(axis, option, file, capsys, simulated):
+    text = SWEEP.replace("fov = 8\n", "").replace("tiles = 1\n", "")
+    path = file(f"{text}[sweep]\n{axis}\n", "grid.toml")
+    assert cli.run(["sweep", str(path), *option]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{option[0]} must not replace {axis.split()[0]}, an axis" in line, line
 
 
 def test_an_interrupted_sweep_says_how_to_go_on(

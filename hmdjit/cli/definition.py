@@ -92,6 +92,12 @@ def _beside(folder: Path, id: str) -> str:
     return f"{family}:{folder / path}" if colon else id
 
 
+def rivals(name: str) -> set[str]:
+    """Name an option and all that would replace it."""
+    groups = [{one for way in ways for one in way} for ways in _RIVALS]
+    return {name}.union(*(group for group in groups if name in group))
+
+
 def merged(low: Options, high: Options) -> Options:
     """Return `low`, overridden by what `high` says; a rival of that is dropped too."""
     said, kept = high.said(), low.said()
@@ -228,9 +234,8 @@ def named_scenes(names: Sequence[str] | None = None) -> dict[str, StudyScene]:
 
 def _is_picture(name: str, folder: Path = Path()) -> bool:
     """Whether a scene is named by a file in a folder; names come first."""
-    return name not in scenes.NAMES and (
-        bool(Path(name).suffix) or (folder / name).is_file()
-    )
+    is_file = bool(Path(name).suffix) or (folder / name).is_file()
+    return is_file and name not in scenes.NAMES
 
 
 def goal(options: Options, study: Study) -> Goal:

@@ -94,12 +94,15 @@ def read(path: Path, high: Options) -> tuple[Sweep, Options]:
     try:
         axes, keys = _axes(content.pop(_TABLE, None))
         check_axes(axes)
-        for name, (*_, key) in keys.items():
-            place = content if len(keys[name]) == 1 else content.get(keys[name][0], {})
+        for name, *numbers in keys.values():
+            place = content.get(name, {}) if numbers else content
+            key = numbers[0] if numbers else name
             if isinstance(place, Mapping) and key in place:
                 raise ValueError(f"{key} is said twice, once in [{_TABLE}].")
-            if len(keys[name]) == 1 and key in high.said():
-                raise ValueError(f"{spoken(key)} is an axis of [{_TABLE}].")
+            for said in definition.rivals(name) & high.said().keys():
+                raise ValueError(
+                    f"{spoken(said)} must not replace {name}, an axis of [{_TABLE}]."
+                )
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     scenes: Any = None

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import _checks
+from ..head_motion.replay import Replay
 from ..scenes.baking import check_baking
 from ..studies.dataset import check_contains, write_dataset, write_manifest
 from ..studies.definition import Shapes, check_seed
@@ -63,8 +64,9 @@ class Sweep:
             first = self.studies[0][1]
             if _names(cell) != _names(first):
                 raise ValueError(
-                    "scenes, techniques, metrics and baseline must be the same in all "
-                    f"cells, got {_names(first)}, and at {words(point)} {_names(cell)}."
+                    "scenes, techniques, metrics, baseline and the kind of heads must "
+                    f"be the same in all cells, got {_names(first)}, and at "
+                    f"{words(point)} {_names(cell)}."
                 )
 
     @property
@@ -213,7 +215,8 @@ def check_axes(axes: Axes) -> None:
 def _names(study: Study) -> list[Any]:
     techniques = [technique.id for technique in study.techniques]
     metrics = [metric.id for metric in study.metrics]
-    return [list(study.scenes), techniques, metrics, study.baseline]
+    head = "recorded heads" if isinstance(study.head, Replay) else "drawn heads"
+    return [list(study.scenes), techniques, metrics, study.baseline, head]
 
 
 def _shapes(study: Study, batch_size: int) -> Shapes:
