@@ -2,6 +2,7 @@
 
 import csv
 
+import jax
 import numpy as np
 import pytest
 
@@ -64,7 +65,7 @@ def test_sessions_that_differ_tell_nothing():
 def test_cost_is_relative():
     seconds = np.array([[1.0, 1.05], [1.1, 1.15], [1.0, 1.05]])
     assert sobel_claims.on_cost(seconds).verdict == HOLDS
-    assert sobel_claims.on_cost(seconds * [1, 3]).verdict == FAILS
+    assert sobel_claims.on_cost(seconds * [1, 4]).verdict == FAILS
 
 
 def test_scores_are_those_of_eight_bits():
@@ -87,8 +88,8 @@ def test_each_table_has_a_scene_and_hairballs_turn():
     made = sobel.experiments()
     assert set(made) == set(sobel_claims.ALL)
     still, turns = made["hairball"](), made["turning hairball"]()
-    assert (still.moves, turns.moves) == (False, True)
-    assert turns.paths.rotation[1, 1] > 0
+    assert jax.tree.structure(still) == jax.tree.structure(turns)  # one program
+    assert (still.paths.rotation[1, 1], turns.paths.rotation[1, 1]) == (0, 1)
 
 
 @pytest.mark.slow

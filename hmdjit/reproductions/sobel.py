@@ -67,9 +67,9 @@ class Shown(NamedTuple):
     truths: Float[Array, "2 3 height width"]
 
 
-def turning_hairs(ball: Solids) -> Solids:
-    """Return a hairball that turns about its own axis."""
-    turn = Movement(rotation_rad_s=(0.0, _TURN_RAD_S, 0.0), pivot_m=(0.0, 0.0, -1.9))
+def turning(ball: Solids, rate_rad_s: float) -> Solids:
+    """Return a hairball that turns about its own axis, or stands still in its place."""
+    turn = Movement(rotation_rad_s=(0.0, rate_rad_s, 0.0), pivot_m=(0.0, 0.0, -1.9))
     classes = np.array([0, 1], np.int32)
     return dataclasses.replace(
         ball, paths=Paths.of([turn]), classes=classes, moves=True
@@ -78,8 +78,8 @@ def turning_hairs(ball: Solids) -> Solids:
 
 def experiments() -> dict[str, Callable[[], Solids]]:
     """Return what makes the scene nearest to each table's, by names of `judged`."""
-    hairs = lambda: scenes.hairball(hairs=_HAIRS)
-    shadow = lambda: scenes.hairball_shadow(hairs=_HAIRS)
+    hairs = lambda rate: turning(scenes.hairball(hairs=_HAIRS), rate)
+    shadow = lambda rate: turning(scenes.hairball_shadow(hairs=_HAIRS), rate)
     return {
         "pipe": scenes.pipe,
         "inclined pipe": scenes.pipe,
@@ -88,11 +88,11 @@ def experiments() -> dict[str, Callable[[], Solids]]:
         "atrium": scenes.atrium,
         "flowers": scenes.flowers,
         "hard edges": scenes.wall_text,
-        "hairball shadow": shadow,
-        "hairball": hairs,
+        "hairball shadow": lambda: shadow(0.0),  # in the program of those that turn
+        "hairball": lambda: hairs(0.0),
         "moving sphere": scenes.moving_sphere,
-        "turning shadow": lambda: turning_hairs(shadow()),
-        "turning hairball": lambda: turning_hairs(hairs()),
+        "turning shadow": lambda: shadow(_TURN_RAD_S),
+        "turning hairball": lambda: hairs(_TURN_RAD_S),
     }
 
 
@@ -113,7 +113,10 @@ def _rendered(
 
     def jittered(k: Array) -> Frame:
         frame = renderer.frame(pattern, region, k, still)
-        return dataclasses.replace(frame, steps=None)  # whose size is the scene's
+        # One program shows all: nothing depends on what the scene is, or if it moves.
+        rest = jnp.zeros((1, 2, *frame.color.shape[-2:]), frame.color.dtype)
+        channels = {"velocity": rest} | frame.channels
+        return dataclasses.replace(frame, channels=channels, steps=None)
 
     def chunk(some: Array) -> tuple[Array, Array]:
         seen = rendering.render(source, camera, region, still, some, frame=looked)
@@ -187,7 +190,7 @@ def run(
         scores = []
         for n in range(counts[name]):
             progress(Progress(done, total, name, unit="sessions"))
-            given = name, source, camera, np.float32([*aside[n], roll])
+            given = name, source, camera, np.array([*aside[n], roll], np.float32)
             parts = (*given, _SPATIAL, _TEMPORAL, _FRAMES, _ROUNDS)
             compute = lambda given=given: _codes(*given)
             codes = kept(Path(out) / "batches", f"{name}_{n}", parts, compute)

@@ -27,7 +27,7 @@ _FIVE = 5  # of the names: those that the thesis compares
 _ALIKE = 0.05  # relative: errors that differ by less are alike
 _LITTLE = 0.05  # relative: of what an error changes with the reference
 _MOST = 0.5  # share: more is most
-_CHEAP = 1.1  # times a frame with Uncharted's: below, it does not cost much more
+_CHEAP = 2.0  # times a frame with Uncharted's: below, it does not cost much more
 NOT_SIMULATED = (
     "Not simulated: milliseconds and memory of a GeForce GTX 1080; what its author saw "
     "in moving pictures (blinds and the arched window flicker less by Uncharted TAA); "
