@@ -227,6 +227,6 @@ def _about(camera: Camera, counts: Mapping[str, int]) -> str:
         "mean of 128 renders, gamma; all in 8 bits, as in the thesis. Nearest of our "
         f"scenes: the inclined camera is rolled by {_ROLL_DEG:g} deg; wall_text stands "
         f"for hard edges (table 5.8); hairballs have {_HAIRS} hairs, those that turn "
-        f"{_TURN_RAD_S:g} rad/s. Errors within 5 % are alike. Intervals "
-        "(95 %) are over sessions, paired."
+        f"{_TURN_RAD_S:g} rad/s. Errors within {100 * judged.ALIKE:g} % are alike. "
+        "Intervals (95 %) are over sessions, paired, by Student's t."
     )
