@@ -104,18 +104,19 @@ def _rendered(
     looked: Int[Array, ""],
 ) -> Shown:
     """Render frames as temporal techniques see them, and the one that is looked at."""
-    region, still = Region.whole(camera), Motion(offset, jnp.zeros(3))
+    zero = jnp.zeros(3)
+    region, still = Region.whole(camera), Motion(offset.astype(zero.dtype), zero)
     renderer = Renderer(source, camera, fastest_reading())
     pattern = Pattern.of(SobelTAA(), source.gives)
     samples = accumulation(128).reshape(-1, _CHUNK, 2)
     # One program renders all: the pixel's centre goes with each chunk.
-    places = jnp.asarray(np.pad(samples, ((0, 0), (1, 0), (0, 0))), jnp.float32)
+    places = jnp.asarray(np.pad(samples, ((0, 0), (1, 0), (0, 0))), zero.dtype)
 
     def jittered(k: Array) -> Frame:
         frame = renderer.frame(pattern, region, k, still)
         # One program shows all: nothing depends on what the scene is, or if it moves.
         rest = jnp.zeros((1, 2, *frame.color.shape[-2:]), frame.color.dtype)
-        channels = {"velocity": rest} | frame.channels
+        channels = {"velocity": rest, **frame.channels}
         return dataclasses.replace(frame, channels=channels, steps=None)
 
     def chunk(some: Array) -> tuple[Array, Array]:
