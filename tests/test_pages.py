@@ -13,7 +13,7 @@ import PIL.Image
 import pytest
 import small
 import xarray
-from pages import Page, checked
+from html_pages import Page, checked
 
 import hmdjit as hj
 from hmdjit import quaternion

@@ -2,6 +2,7 @@
 
 import csv
 
+import jax
 import numpy as np
 import pytest
 
@@ -62,19 +63,24 @@ def test_sessions_that_differ_tell_nothing():
 
 
 def test_cost_is_relative():
-    seconds = np.array([[1.0, 1.5], [1.1, 1.6], [1.0, 1.5]])
+    seconds = np.array([[1.0, 1.05], [1.1, 1.15], [1.0, 1.05]])
     assert sobel_claims.on_cost(seconds).verdict == HOLDS
-    assert sobel_claims.on_cost(seconds * [1, 3]).verdict == FAILS
+    assert sobel_claims.on_cost(seconds * [1, 4]).verdict == FAILS
 
 
 def test_scores_are_those_of_eight_bits():
     rng = np.random.default_rng(0)
-    truth = rng.integers(40, 200, (16, 16, 3)).astype(np.uint8)
+    truth = rng.integers(40, 200, (24, 24, 3)).astype(np.uint8)
     pictures = np.stack([*[truth + np.uint8(3)] * COUNT, truth + np.uint8(1), truth])
-    mse, ssim, mse_16, signal = sobel_claims.scored(pictures[None])
+    mse, ssim, mse_16, signal = sobel_claims.scored(pictures)
+    outside = pictures.copy()
+    outside[:, :4] += 9
+    np.testing.assert_array_equal(
+        sobel_claims.scored(outside), (mse, ssim, mse_16, signal)
+    )
     np.testing.assert_allclose(mse, 9.0)
     np.testing.assert_allclose(mse_16, 4.0)
-    np.testing.assert_allclose(signal, np.mean(truth.astype(float) ** 2))
+    np.testing.assert_allclose(signal, np.mean(truth[4:-4, 4:-4].astype(float) ** 2))
     assert (ssim < 1).all()
 
 
@@ -82,8 +88,8 @@ def test_each_table_has_a_scene_and_hairballs_turn():
     made = sobel.experiments()
     assert set(made) == set(sobel_claims.ALL)
     still, turns = made["hairball"](), made["turning hairball"]()
-    assert (still.moves, turns.moves) == (False, True)
-    assert turns.paths.rotation[1, 1] > 0
+    assert jax.tree.structure(still) == jax.tree.structure(turns)  # one program
+    assert (still.paths.rotation[1, 1], turns.paths.rotation[1, 1]) == (0, 1)
 
 
 @pytest.mark.slow
@@ -91,7 +97,7 @@ def test_the_command_writes_its_claims(tmp_path, monkeypatch):
     sphere = hj.scenes.moving_sphere(shadows=False)
     makers = {name: lambda: sphere for name in sobel_claims.ALL}
     monkeypatch.setattr(sobel, "experiments", lambda: makers)
-    monkeypatch.setattr(sobel, "_times", lambda camera: np.ones((3, 2)) * [1, 1.5])
+    monkeypatch.setattr(sobel, "times", lambda *given: np.ones((3, 2)) * [1, 1.5])
     options = ["--sessions", "2", "--width", "24", "--height", "24"]
     assert main.run(["reproduce", "sobel", *options, "--out", str(tmp_path)]) == 0
     with open(tmp_path / "claims.csv", newline="") as file:

@@ -49,7 +49,7 @@ def _show(axes: Axes, picture: np.ndarray, title: str) -> None:
 def _errors(found: Found, footer: str) -> Figure:
     """Show the mean squared error of the five conditions, by table."""
     figure, ((axes,),) = drawing.panels(11.0, 4.6, footer)
-    rows = [row for row in found.measured if row.measure.endswith(", MSE")]
+    rows = [row for row in found.measured if row.measure.endswith(")")]
     cases = list(dict.fromkeys(row.case for row in rows))
     for n, name in enumerate(NAMES[:_PICTURED]):
         here = {row.case: row for row in rows if row.condition == name}
