@@ -173,9 +173,9 @@ def test_pictures_that_hold_no_depth_are_refused(frames, code, options, message)
 
 def test_a_file_is_read_once_for_all_techniques(frames, rng, monkeypatch):
     written(frames / "depth", channels(rng)["depth"])
-    read, opened = [], np.lib.format.read_array
+    read, opened = [], np.lib.format.open_memmap
     monkeypatch.setattr(
-        np.lib.format, "read_array", lambda *a, **k: read.append(1) or opened(*a, **k)
+        np.lib.format, "open_memmap", lambda *a, **k: read.append(1) or opened(*a, **k)
     )
     files, quiet = FrameFiles.of(frames), rich.console.Console(quiet=True)
     techniques = [Shows("depth"), NoAntialiasing(), Shows("depth")]
