@@ -91,8 +91,9 @@ def overview(found: Rows) -> str:
 
 
 def _kind(rows: Sequence[Row]) -> str:
-    """Return what a claim was measured by, whatever the scene."""
-    return rows[0]["measure"].rpartition(", ")[2]
+    """Return what a claim was measured by; tables are of a scene each."""
+    measure = rows[0]["measure"]
+    return "table" if measure.startswith("table ") else measure
 
 
 def one_verdict(rows: Sequence[Row]) -> str:

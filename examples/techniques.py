@@ -30,8 +30,9 @@ TEMPORAL = tuple(
     for id in hj.techniques.IDS
     if isinstance(hj.techniques.by_id(id), AbstractTemporal)
 )
+# It has no room.
 NOT_IN_README = ("fxaa", "mlaa", "smaa_ultra", "head_movement+smaa", "inside_ycocg")
-NOT_IN_README += ("ssaa2_gamma", "ssaa2_lanczos2")  # it has no room
+NOT_IN_README += ("ssaa2_gamma", "ssaa2_lanczos2", "fxaa39", "accumulation16")
 BEST = 3
 
 
