@@ -123,10 +123,8 @@ class Amortized(AbstractTemporal):
             # From texel (0, 0), half a pixel per texel; at first all four are alike.
             there = at.changed(lambda dx: dx + column / 2, lambda dy: dy + row / 2)
             twice = at.changed(lambda dx: 2 * dx, lambda dy: 2 * dy)
-            is_turn, was = (
-                (turn == jnp.array([row, column], jnp.int32)).all(),
-                past(there),
-            )
+            mine = jnp.array([row, column], jnp.int32)
+            is_turn, was = (turn == mine).all(), past(there)
             return jnp.where(is_turn, taken(was, twice), was)
 
         if self.subpixel:
