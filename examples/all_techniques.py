@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import xarray
 
 OTHERS = ("none", "freeze", "msaa4", "fxaa39", "smaa", "ssaa2", "accumulation16")
-OTHERS += ("ssaa4", "head_movement", "head_movement_rigid", "head_movement_frames")
+OTHERS += ("ssaa4", "head_movement")
 TEMPORAL = [
     id
     for id in hj.techniques.IDS

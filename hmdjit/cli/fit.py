@@ -31,7 +31,7 @@ from .options import (
     Width,
     shown,
 )
-from .progress import Display
+from .progress import Display, resumable
 
 SESSIONS = 64
 HELD_OUT = ("checkerboard", "noise")
@@ -120,22 +120,17 @@ class FitCommand:
             "to find."
         )
         journal = self.out.with_name(f".{self.out.name}.journal.json")
-        try:
-            with Display(console) as display:
-                found = fit(
-                    study,
-                    space,
-                    detail_loss=self.detail_loss,
-                    lag_weight=self.lag,
-                    held_out=held_out,
-                    seed=self.seed,
-                    journal=journal,
-                    progress=display,
-                )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "stopped; finished searches are kept: run the same command to go on."
-            ) from None
+        with resumable("searches"), Display(console) as display:
+            found = fit(
+                study,
+                space,
+                detail_loss=self.detail_loss,
+                lag_weight=self.lag,
+                held_out=held_out,
+                seed=self.seed,
+                journal=journal,
+                progress=display,
+            )
         # The curve comes last: where it is, its pictures are.
         footer = _footer(about)
         gain = report.gain_sentence(found)

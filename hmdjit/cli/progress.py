@@ -1,6 +1,8 @@
 """How far a command is: a bar on a terminal, a line now and then elsewhere."""
 
+import contextlib
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import rich.console
@@ -9,6 +11,17 @@ import rich.progress
 from ..studies.progress import Progress
 
 _SECONDS_BETWEEN_LINES = 10.0
+
+
+@contextlib.contextmanager
+def resumable(kept: str = "batches") -> Iterator[None]:
+    """Say how to go on, of what is interrupted within it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"stopped; finished {kept} are kept: run the same command to go on."
+        ) from None
 
 
 class Display:

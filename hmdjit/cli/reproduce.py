@@ -22,7 +22,7 @@ from ..reproductions.claims import Found
 from ..studies.identity import counted
 from ..studies.study import check_seed
 from .options import OK, Seed, shown
-from .progress import Display
+from .progress import Display, resumable
 
 _TILES_PX = range(11, 65)  # what SSIM and tiles want
 PAPERS: dict[str, Any] = {
@@ -148,20 +148,15 @@ class ReproduceCommand:
             f"{camera.height_px} px, {camera.fov_deg:g} deg, {camera.refresh_hz:g} Hz. "
             f"Finished batches are kept in {out}."
         )
-        try:
-            with Display(console) as display:
-                found = paper.run(
-                    camera,
-                    sessions,
-                    seed=self.seed,
-                    out=out,
-                    overwrite=self.overwrite,
-                    progress=display,
-                )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "stopped; finished batches are kept: run the same command to go on."
-            ) from None
+        with resumable(), Display(console) as display:
+            found = paper.run(
+                camera,
+                sessions,
+                seed=self.seed,
+                out=out,
+                overwrite=self.overwrite,
+                progress=display,
+            )
         console.print(report.verdicts(found))
         if len(found.measures) > 1:
             console.print(report.by_measure(found))

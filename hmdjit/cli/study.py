@@ -18,7 +18,7 @@ from ..studies.measured_blocks import Tiles
 from . import definition
 from .kept import keep, repeated
 from .options import HEAD, OK, Options, shown
-from .progress import Display
+from .progress import Display, resumable
 
 _SMALL_PX = 24  # a halo is about as wide
 
@@ -89,26 +89,22 @@ class StudyCommand(Options):
             "Compiling each technique when it first runs; finished batches are kept in "
             f"{out}."
         )
-        try:
-            with (
-                opened(options.workers, options.dask) as executor,
-                Display(console) as display,
-            ):
-                dataset = study.run(
-                    options.seed or 0,
-                    out=out,
-                    progress=display,
-                    tolerance=goal.tolerance,
-                    budget_s=goal.budget_s,
-                    repeat=goal.repeat,
-                    omit_failed=options.omit_failed,
-                    overwrite=options.overwrite,
-                    executor=executor,
-                )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "stopped; finished batches are kept: run the same command to go on."
-            ) from None
+        with (
+            resumable(),
+            opened(options.workers, options.dask) as executor,
+            Display(console) as display,
+        ):
+            dataset = study.run(
+                options.seed or 0,
+                out=out,
+                progress=display,
+                tolerance=goal.tolerance,
+                budget_s=goal.budget_s,
+                repeat=goal.repeat,
+                omit_failed=options.omit_failed,
+                overwrite=options.overwrite,
+                executor=executor,
+            )
         report.print_table(dataset, console=console)
         written = [keep(options, self.definition, out)]
         if self.no_report:

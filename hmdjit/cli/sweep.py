@@ -20,7 +20,7 @@ from ..sweep.dataset import Axes, axis_words
 from ..sweep.sweep import FILE, MOST_CELLS, Sweep, check_axes
 from . import definition
 from .options import OK, Options, shown, spoken
-from .progress import Display
+from .progress import Display, resumable
 
 _TABLE, _RANGE = "sweep", ("from", "to", "steps")
 _NAMED = "head trace frames warmup tiles oversampling reference_samples reference_every"
@@ -62,23 +62,19 @@ class SweepCommand(Options):
         for line in described(sweep):
             console.out(line)
         console.out(f"Finished batches are kept in {out}.")
-        try:
-            with (
-                opened(options.workers, options.dask) as executor,
-                Display(console) as display,
-            ):
-                dataset = sweep.run(
-                    options.seed or 0,
-                    out=out,
-                    progress=display,
-                    omit_failed=options.omit_failed,
-                    overwrite=options.overwrite,
-                    executor=executor,
-                )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "stopped; finished batches are kept: run the same command to go on."
-            ) from None
+        with (
+            resumable(),
+            opened(options.workers, options.dask) as executor,
+            Display(console) as display,
+        ):
+            dataset = sweep.run(
+                options.seed or 0,
+                out=out,
+                progress=display,
+                omit_failed=options.omit_failed,
+                overwrite=options.overwrite,
+                executor=executor,
+            )
         written = report.write_report(dataset, out)
         report.print_table(dataset, console)
         console.out(f"Wrote {', '.join(map(str, (out / FILE, *written)))}.")

@@ -103,9 +103,8 @@ class Run:
         before = done = int(ran.sum())
 
         def tell(stage: Stage) -> None:
-            fresh = done - before
-            event = Progress(done, ran.size, stage.name, fresh, unit="simulations")
-            self.tell(event)
+            at = done, ran.size, stage.name, done - before
+            self.tell(Progress(*at, unit="simulations"))
 
         tell(self.stages[0])
         tasks = missing(self.stages, ran, self.batch_size)
@@ -291,8 +290,8 @@ class Run:
             "wide_halo_sessions": wide,
         }
         subjects = self.sessions.subjects
-        known = self.known | how
-        dataset = gathered(self.study, measured, rotation_deg, subjects, known)
+        how |= self.known
+        dataset = gathered(self.study, measured, rotation_deg, subjects, how)
         if controls is not None:
             dataset = dataset.assign(controls["variables"])
             dataset = dataset.assign_attrs(controls["attributes"])
