@@ -17,6 +17,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent import futures
+from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
 import jax
@@ -231,6 +232,7 @@ def _blocked_interruptions() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # lets Ctrl-C through again when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
